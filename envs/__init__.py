@@ -1,0 +1,1 @@
+"""The Gymnasium layer: tasks, the runner that steps them, and the environments."""

@@ -1,0 +1,39 @@
+"""FluidGym: reinforcement learning on real fluids.
+
+Importing this registers the environments and nothing heavier; the names below load when they are first used.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from gymnasium.envs.registration import register
+
+from fluidgym._names import check_import_name
+
+if TYPE_CHECKING:
+    from fluidgym.scene import Ball, Box, Face, Fluid, Material, Particles, Region, Scene
+    from fluidgym.scheme import Scheme
+    from fluidgym.solver import Solver
+
+check_import_name()
+
+__version__ = "0.1.0"
+
+__all__ = ["Ball", "Box", "Face", "Fluid", "Material", "Particles", "Region", "Scene", "Scheme", "Solver"]
+
+_HOMES = {"Scheme": "fluidgym.scheme", "Solver": "fluidgym.solver"}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in __all__:
+        raise AttributeError(f"module 'fluidgym' has no attribute {name!r}; it has {', '.join(__all__)}")
+    return getattr(import_module(_HOMES.get(name, "fluidgym.scene")), name)
+
+
+for _dim in (2, 3):
+    register(
+        id=f"fluidgym/DamBreakContain{_dim}D-v0",
+        entry_point="fluidgym.envs.fluid_env:FluidEnv",
+        vector_entry_point="fluidgym.envs.fluid_vector_env:FluidVectorEnv",
+        kwargs={"task": "DamBreakContain", "dim": _dim},
+    )

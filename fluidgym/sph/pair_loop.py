@@ -1,0 +1,207 @@
+"""The pair loop: sums of terms over the neighbours of a place, as fast as the compiler can make them.
+
+The physics is in plain Warp functions of one pair (terms.py). Here they are called from a few native lines that run
+over one row of cells at a time, because LLVM turns that loop into vector instructions where it does not for the same
+loop in plain Warp. Two rules keep it so: arrays hold one component each, and the loop adds up scalars. A plain Warp
+twin does the same sum; the tests hold one against the other.
+
+Both sweeps share the loop. A query is a place X [m], a velocity U [m/s] and a field value a; each neighbour j meets it
+with x = X - x_j, u = U - u_j and a_j + offset + tilt . x, the affine part being what a mirror image adds to the field.
+"""
+
+from functools import lru_cache
+
+import warp as wp
+
+from fluidgym.sph.constants import Constants
+from fluidgym.sph.neighbors import Grid
+from fluidgym.sph.terms import total
+
+# One row after another: rows the sphere misses are passed over, the others cut to the x that the sphere needs.
+_ROWS_3D = """
+int z_low = (int)floorf((X[2] - reach - grid.lower[2]) * grid.inv_width[2]);
+int z_high = (int)floorf((X[2] + reach - grid.lower[2]) * grid.inv_width[2]);
+if (z_low < 0) z_low = 0;
+if (z_high > grid.count[2] - 1) z_high = grid.count[2] - 1;
+for (int cz = z_low; cz <= z_high; ++cz) {
+const float z_cell = grid.lower[2] + cz * grid.width[2];
+const float gap_z = wp::max(wp::max(z_cell - X[2], X[2] - z_cell - grid.width[2]), 0.0f);
+"""
+
+_ROWS = """
+int y_low = (int)floorf((X[1] - reach - grid.lower[1]) * grid.inv_width[1]);
+int y_high = (int)floorf((X[1] + reach - grid.lower[1]) * grid.inv_width[1]);
+if (y_low < 0) y_low = 0;
+if (y_high > grid.count[1] - 1) y_high = grid.count[1] - 1;
+for (int cy = y_low; cy <= y_high; ++cy) {
+const float y_cell = grid.lower[1] + cy * grid.width[1];
+const float gap_y = wp::max(wp::max(y_cell - X[1], X[1] - y_cell - grid.width[1]), 0.0f);
+const float rest = reach * reach - gap_y * gap_y - gap_z * gap_z;
+if (rest <= 0.0f) continue;
+const float half = sqrtf(rest);
+int x_low = (int)floorf((X[0] - half - grid.lower[0]) * grid.inv_width[0]);
+int x_high = (int)floorf((X[0] + half - grid.lower[0]) * grid.inv_width[0]);
+if (x_low < 0) x_low = 0;
+if (x_high > grid.count[0] - 1) x_high = grid.count[0] - 1;
+if (x_low > x_high) continue;
+const int row = first_cell + (cz * grid.count[1] + cy) * grid.count[0];
+const int end = bounds.data[row + x_high + 1];
+#if !defined(__CUDA_ARCH__)
+#pragma clang loop vectorize(enable)
+#endif
+for (int j = bounds.data[row + x_low]; j < end; ++j) {
+#if !defined(__CUDA_ARCH__)
+#pragma clang fp reassociate(on) contract(fast)
+#endif
+"""
+
+
+def _snippet(dim: int, term: wp.Function, slope: wp.Function, force: bool, tilted: bool, signed: bool) -> str:
+    """The native lines of one pair loop."""
+    axes = range(dim)
+    lines = ["const int n = position.shape[1];"]
+    for k in axes:
+        lines += [
+            f"const float* __restrict__ px{k} = position.data + {k} * n;",
+            f"const float* __restrict__ pu{k} = velocity.data + {k} * n;",
+            f"const float X{k} = X[{k}], U{k} = U[{k}], T{k} = tilt[{k}], S{k} = sign[{k}];",
+        ]
+    lines.append("const float* __restrict__ pa = field.data;")
+    sums = [f"sum{k}" for k in (axes if force else range(2))]
+    lines.append("float " + ", ".join(f"{name} = 0.0f" for name in sums) + ";")
+    lines.append(_ROWS_3D if dim == 3 else "const int cz = 0; const float gap_z = 0.0f;")
+    lines.append(_ROWS)
+    for k in axes:
+        lines.append(f"const float x{k} = X{k} - px{k}[j], u{k} = U{k} - pu{k}[j];")
+    lines.append("const float r2 = " + " + ".join(f"x{k} * x{k}" for k in axes) + ";")
+    lines.append(
+        "const float xu = " + " + ".join(f"S{k} * x{k} * u{k}" if signed else f"x{k} * u{k}" for k in axes) + ";"
+    )
+    affine = " + offset + " + " + ".join(f"T{k} * x{k}" for k in axes) if tilted else ""
+    lines += [
+        "const float r = sqrtf(r2);",
+        f"const float w = {slope.native_func}(r, c);",
+        f"const float f = {term.native_func}(r, xu, w, a, pa[j]{affine}, c);",
+    ]
+    lines += [f"sum{k} += f * x{k};" for k in axes] if force else ["sum0 += f;", "sum1 -= w;"]
+    lines.append("}}}" if dim == 3 else "}}")
+    lines.append("return {" + ", ".join(sums) + "};")
+    return "\n".join(lines)
+
+
+@lru_cache
+def make_pair_loop(
+    dim: int,
+    terms: tuple[wp.Function, ...],
+    slope: wp.Function,
+    force: bool,
+    tilted: bool = True,
+    signed: bool = False,
+    plain: bool = False,
+) -> tuple[wp.Function, wp.Function]:
+    """The sum of terms over the neighbours of a place.
+
+    Args:
+        dim: Number of dimensions.
+        terms: Functions of a pair, see terms.py.
+        slope: Warp function (r, Constants) -> W'(r)/r.
+        force: True returns the vector sum of f x (dim,); False returns (sum of f, sum of -slope).
+        tilted: Whether the affine part of the field is compiled in.
+        signed: Whether the products x_k u_k are multiplied by sign[k] (no-slip images).
+        plain: True makes the twin in plain Warp, the reference for tests.
+
+    Returns:
+        The loop (X, U, a, offset, tilt, sign, first_cell, reach, position, velocity, field, bounds, grid, c) -> sum,
+        and a function (c) -> float that a kernel must name in a branch never taken, so that Warp writes the terms
+        ahead of the native lines that call them.
+    """
+    vec = wp.types.vector(dim, wp.float32)
+    result = vec if force else wp.vec2
+    term = total(terms)
+
+    @wp.func
+    def emit_terms(c: Constants) -> float:
+        return term(0.0, 0.0, slope(0.0, c), 0.0, 0.0, c)
+
+    if plain:
+        return _plain_loop(dim, term, slope, force, tilted, signed), emit_terms
+
+    @wp.func_native(_snippet(dim, term, slope, force, tilted, signed))
+    def pair_loop(
+        X: vec,
+        U: vec,
+        a: float,
+        offset: float,
+        tilt: vec,
+        sign: vec,
+        first_cell: int,
+        reach: float,
+        position: wp.array2d[float],
+        velocity: wp.array2d[float],
+        field: wp.array[float],
+        bounds: wp.array[int],
+        grid: Grid,
+        c: Constants,
+    ) -> result: ...
+
+    return pair_loop, emit_terms
+
+
+def _plain_loop(
+    dim: int, term: wp.Function, slope: wp.Function, force: bool, tilted: bool, signed: bool
+) -> wp.Function:
+    """The pair loop in plain Warp: every particle of every cell within reach, no rows cut."""
+    vec = wp.types.vector(dim, wp.float32)
+    result = vec if force else wp.vec2
+
+    @wp.func
+    def pair_loop(
+        X: vec,
+        U: vec,
+        a: float,
+        offset: float,
+        tilt: vec,
+        sign: vec,
+        first_cell: int,
+        reach: float,
+        position: wp.array2d[float],
+        velocity: wp.array2d[float],
+        field: wp.array[float],
+        bounds: wp.array[int],
+        grid: Grid,
+        c: Constants,
+    ) -> result:
+        low = wp.vec3i(0, 0, 0)
+        high = wp.vec3i(0, 0, 0)
+        for k in range(wp.static(dim)):
+            low[k] = wp.max(int(wp.floor((X[k] - reach - grid.lower[k]) * grid.inv_width[k])), 0)
+            high[k] = wp.min(int(wp.floor((X[k] + reach - grid.lower[k]) * grid.inv_width[k])), grid.count[k] - 1)
+        sum = result()
+        for cz in range(low[2], high[2] + 1):
+            for cy in range(low[1], high[1] + 1):
+                for cx in range(low[0], high[0] + 1):
+                    cell = first_cell + (cz * grid.count[1] + cy) * grid.count[0] + cx
+                    for j in range(bounds[cell], bounds[cell + 1]):
+                        x = vec()
+                        xu = float(0.0)
+                        a_j = field[j]
+                        if wp.static(tilted):
+                            a_j += offset
+                        for k in range(wp.static(dim)):
+                            x[k] = X[k] - position[k, j]
+                            u_k = U[k] - velocity[k, j]
+                            if wp.static(signed):
+                                u_k *= sign[k]
+                            xu += x[k] * u_k
+                            if wp.static(tilted):
+                                a_j += tilt[k] * x[k]
+                        r = wp.length(x)
+                        w = slope(r, c)
+                        f = term(r, xu, w, a, a_j, c)
+                        if wp.static(force):
+                            sum += f * x
+                        else:
+                            sum += wp.vec2(f, -w)
+        return sum
+
+    return pair_loop

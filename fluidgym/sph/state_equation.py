@@ -1,0 +1,50 @@
+"""Pressure from density.
+
+Each function gives p / (rho_0 c_0^2) from the relative density error s = rho/rho_0 - 1.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+from fluidgym.sph.constants import Constants
+
+
+@dataclass(frozen=True)
+class StateEquation:
+    """A state equation.
+
+    Attributes:
+        name: As in reports.
+        pressure: Warp function (s, Constants) -> p / (rho_0 c_0^2).
+        pressure_of: The same in NumPy: (s, gamma) -> p / (rho_0 c_0^2).
+        density_of: Its inverse in NumPy: (p / (rho_0 c_0^2), gamma) -> s.
+    """
+
+    name: str
+    pressure: wp.Function
+    pressure_of: Callable[[np.ndarray, float], np.ndarray]
+    density_of: Callable[[np.ndarray, float], np.ndarray]
+
+
+@wp.func
+def linear_pressure(s: float, c: Constants) -> float:
+    """p = c_0^2 (rho - rho_0)."""
+    return s
+
+
+@wp.func
+def tait_pressure(s: float, c: Constants) -> float:
+    """p = rho_0 c_0^2 / gamma ((rho/rho_0)^gamma - 1) (Cole 1948)."""
+    return (wp.pow(1.0 + s, c.gamma) - 1.0) / c.gamma
+
+
+LINEAR = StateEquation("linear", linear_pressure, lambda s, gamma: s, lambda p, gamma: p)
+TAIT = StateEquation(
+    "Tait",
+    tait_pressure,
+    lambda s, gamma: ((1.0 + s) ** gamma - 1.0) / gamma,
+    lambda p, gamma: (1.0 + gamma * p) ** (1.0 / gamma) - 1.0,
+)

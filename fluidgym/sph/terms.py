@@ -1,0 +1,53 @@
+"""What a physics term is: one plain Warp function of a pair, and where its sum goes.
+
+A term sees only what does not turn with the axes. Its function has the signature
+
+    term(r, xu, slope, a_i, a_j, c: Constants) -> float
+
+with r = |x_ij| [m], xu = x_ij . u_ij [m2/s], slope = W'(r)/r, and a the field of its sweep: the relative density
+error s in a density rate, the reduced pressure P in a force. Where i meets a mirror image, xu and a_j are the image's.
+"""
+
+from dataclasses import dataclass
+
+import warp as wp
+
+from fluidgym.sph.constants import Constants
+
+
+@dataclass(frozen=True)
+class DensityRate:
+    """A term of ds_i/dt [1/s]: the sum over j of V function(...)."""
+
+    function: wp.Function
+
+
+@dataclass(frozen=True)
+class Force:
+    """A term of du_i/dt [m/s2]: the sum over j of V function(...) x_ij."""
+
+    function: wp.Function
+
+
+Term = DensityRate | Force
+
+
+@wp.func
+def no_term(r: float, xu: float, slope: float, a_i: float, a_j: float, c: Constants) -> float:
+    """The sum of no terms."""
+    return 0.0
+
+
+def total(functions: tuple[wp.Function, ...]) -> wp.Function:
+    """One function that adds up several of the same signature."""
+    if not functions:
+        return no_term
+    if len(functions) == 1:
+        return functions[0]
+    first, rest = functions[0], total(functions[1:])
+
+    @wp.func
+    def sum_of_terms(r: float, xu: float, slope: float, a_i: float, a_j: float, c: Constants) -> float:
+        return first(r, xu, slope, a_i, a_j, c) + rest(r, xu, slope, a_i, a_j, c)
+
+    return sum_of_terms

@@ -1,0 +1,202 @@
+"""Walls and periodic faces without wall particles: every face shows the fluid its own image.
+
+A reflection R is an isometry, so the sum over the mirror images of all neighbours, seen from particle i, is the plain
+sum seen from the reflected place of i:
+
+    sum_j f(x_i - R x_j, u_i - R u_j) = R sum_j f(R x_i - x_j, R u_i - u_j)
+
+A particle within reach of k faces therefore asks 2^k times, all others once, and the inner loop knows no wall. The
+image of i itself comes along by itself. A periodic face is the same with a translation for R.
+
+An image continues the hydrostatic pressure through the wall: p_m = p_j + rho_0 (g - a_w).n n.(x_m - x_j), which is
+affine in x_j and rides along as offset + tilt . (X - x_j). No-slip walls hand the viscous term u_m = 2 u_w - u_j.
+"""
+
+from functools import lru_cache
+from types import SimpleNamespace
+
+import warp as wp
+
+from fluidgym.sph.constants import Constants
+from fluidgym.state import Faces
+
+
+@lru_cache
+def make_images(dim: int, kinds: tuple[str, ...], no_slip: tuple[bool, ...]) -> SimpleNamespace:
+    """Warp functions that make the images of a particle.
+
+    Args:
+        dim: Number of dimensions.
+        kinds: "wall", "open" or "periodic" for each face, (2 * dim,).
+        no_slip: Whether viscosity holds the fluid at each face, (2 * dim,).
+
+    Returns:
+        A namespace of Query (a struct), near (which faces are in reach), count (how many queries that makes),
+        query (the n-th of them), cushion and keep_inside (the safety net at walls), wrap (periodic faces) and has_left (open
+        ones).
+    """
+    vec = wp.types.vector(dim, wp.float32)
+    flags = wp.types.vector(dim, wp.int32)
+    # Bits, one a face: the compiler drops what a constant bit switches off.
+    imaged = wp.int32(sum((kind != "open") << face for face, kind in enumerate(kinds)))
+    walls = wp.int32(sum((kind == "wall") << face for face, kind in enumerate(kinds)))
+    sticky = wp.int32(sum(bool(stick) << face for face, stick in enumerate(no_slip)))
+
+    @wp.struct
+    class Query:
+        """A particle seen from one of its images."""
+
+        position: vec
+        velocity: vec
+        viscous_velocity: vec  # what the viscous term sees
+        turn: vec  # diagonal of R
+        viscous_turn: vec  # of x_k u_k in the viscous term
+        offset: float  # of the relative density error, and of P
+        density_tilt: vec  # [1/m]
+        pressure_tilt: vec  # [1/m]
+
+    @wp.func
+    def near(x: vec, world: int, faces: Faces, reach: float) -> flags:
+        """Bit 1 of an axis: its lower face is within reach; bit 2: its upper face."""
+        found = flags()
+        for k in range(wp.static(dim)):
+            if (imaged >> (2 * k)) & 1 != 0:
+                if x[k] - faces.position[world, 2 * k] < reach:
+                    found[k] = 1
+            if (imaged >> (2 * k + 1)) & 1 != 0:
+                if faces.position[world, 2 * k + 1] - x[k] < reach:
+                    found[k] += 2
+        return found
+
+    @wp.func
+    def count(found: flags) -> int:
+        """Number of queries: the particle itself and its images, corners included."""
+        n = int(1)
+        for k in range(wp.static(dim)):
+            n *= 1 + (found[k] & 1) + (found[k] >> 1)
+        return n
+
+    @wp.func
+    def query(n: int, found: flags, x: vec, u: vec, g: vec, world: int, faces: Faces, c: Constants) -> Query:
+        """The n-th query of a particle at x with velocity u; the first is the particle itself."""
+        q = Query()
+        q.position = x
+        q.velocity = u
+        q.viscous_velocity = u
+        rest = int(n)
+        for k in range(wp.static(dim)):
+            q.turn[k] = 1.0
+            q.viscous_turn[k] = 1.0
+            q.density_tilt[k] = g[k] * c.inv_c_0_squared
+            if (imaged >> (2 * k)) & 3 != 0:
+                choices = 1 + (found[k] & 1) + (found[k] >> 1)
+                choice = rest % choices
+                rest = rest // choices
+                if choice > 0:
+                    face = 2 * k
+                    if choice == 2 or found[k] == 2:
+                        face = 2 * k + 1
+                    if (walls >> face) & 1 != 0:
+                        w = faces.position[world, face]
+                        pull = (g[k] - faces.acceleration[world, face]) * c.inv_c_0_squared
+                        q.position[k] = 2.0 * w - x[k]
+                        q.velocity[k] = 2.0 * faces.velocity[world, face] - u[k]
+                        q.turn[k] = -1.0
+                        if (sticky >> face) & 1 != 0:
+                            for m in range(wp.static(dim)):
+                                wall_velocity = faces.sliding[world, face, m]
+                                if m == k:
+                                    wall_velocity += faces.velocity[world, face]
+                                q.viscous_velocity[m] = 2.0 * wall_velocity - q.viscous_velocity[m]
+                                if m != k:
+                                    q.viscous_turn[m] = -q.viscous_turn[m]
+                        else:
+                            q.viscous_velocity[k] = 2.0 * faces.velocity[world, face] - q.viscous_velocity[k]
+                        q.offset += 2.0 * pull * (w - q.position[k])
+                        q.density_tilt[k] = 2.0 * pull - g[k] * c.inv_c_0_squared
+                        q.pressure_tilt[k] = 2.0 * pull
+                    else:
+                        other = 4 * k + 1 - face
+                        q.position[k] = x[k] + faces.position[world, other] - faces.position[world, face]
+        return q
+
+    @wp.func
+    def cushion(x: vec, world: int, faces: Faces, c: Constants) -> vec:
+        """Push off a particle that is about to merge with its own image, where the kernel no longer does [m/s2].
+
+        W' vanishes with r, so a particle pressed on a wall would come to lie on it; a spring of the stiffness of
+        the fluid, c_0/h, holds it a twentieth of the spacing away.
+        """
+        push = vec()
+        depth = 0.05 * c.spacing
+        stiffness = 0.5 * c.c_0 * c.c_0 / (c.h * c.h)
+        for k in range(wp.static(dim)):
+            if (walls >> (2 * k)) & 1 != 0:
+                push[k] += stiffness * wp.max(depth - x[k] + faces.position[world, 2 * k], 0.0)
+            if (walls >> (2 * k + 1)) & 1 != 0:
+                push[k] -= stiffness * wp.max(depth + x[k] - faces.position[world, 2 * k + 1], 0.0)
+        return push
+
+    @wp.struct
+    class Motion:
+        """Where a particle is and how it moves."""
+
+        position: vec
+        velocity: vec
+
+    @wp.func
+    def keep_inside(x: vec, u: vec, world: int, faces: Faces, clamped: wp.array[int]) -> Motion:
+        """Put a particle that has crossed a wall back on it, moving no further out, and count that."""
+        kept = Motion()
+        kept.position = x
+        kept.velocity = u
+        for k in range(wp.static(dim)):
+            for side in range(2):
+                face = 2 * k + side
+                if (walls >> face) & 1 != 0:
+                    outward = float(2 * side - 1)
+                    if outward * (x[k] - faces.position[world, face]) > 0.0:
+                        kept.position[k] = faces.position[world, face]
+                        excess = u[k] - faces.velocity[world, face]
+                        if outward * excess > 0.0:
+                            kept.velocity[k] = faces.velocity[world, face]
+                        wp.atomic_add(clamped, world, 1)
+        return kept
+
+    @wp.func
+    def wrap(x: vec, world: int, faces: Faces) -> vec:
+        """Bring a particle that has left through a periodic face back in at the other side."""
+        y = x
+        for k in range(wp.static(dim)):
+            if ((imaged & ~walls) >> (2 * k)) & 1 != 0:
+                low = faces.position[world, 2 * k]
+                high = faces.position[world, 2 * k + 1]
+                if x[k] < low:
+                    y[k] = x[k] + (high - low)
+                if x[k] >= high:
+                    y[k] = x[k] - (high - low)
+        return y
+
+    @wp.func
+    def has_left(x: vec, world: int, faces: Faces) -> bool:
+        """Whether a particle is beyond an open face."""
+        left = bool(False)
+        for k in range(wp.static(dim)):
+            if (imaged >> (2 * k)) & 1 == 0:
+                if x[k] < faces.position[world, 2 * k]:
+                    left = True
+            if (imaged >> (2 * k + 1)) & 1 == 0:
+                if x[k] > faces.position[world, 2 * k + 1]:
+                    left = True
+        return left
+
+    return SimpleNamespace(
+        Query=Query,
+        near=near,
+        count=count,
+        query=query,
+        cushion=cushion,
+        keep_inside=keep_inside,
+        wrap=wrap,
+        has_left=has_left,
+    )
