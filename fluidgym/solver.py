@@ -199,25 +199,22 @@ class Solver:
         Raises:
             ValueError: A start has too many particles.
         """
-        state, dim = self.state, self.scene.dim
-        position = state.start.position.numpy().reshape(dim, self.num_worlds, self.capacity)
-        velocity = state.start.velocity.numpy().reshape(dim, self.num_worlds, self.capacity)
-        error = state.start.density_error.numpy().reshape(self.num_worlds, self.capacity)
-        identity = state.start.identity.numpy().reshape(self.num_worlds, self.capacity)
+        start_arrays = self.state.start.arrays()
+        host = {name: array.numpy().copy() for name, array in start_arrays.items()}
         rest_pressure = self.scene.material.density * self.scene.sound_speed**2
         for world, start in zip(worlds, starts, strict=True):
-            n = len(start)
+            n, first = len(start), world * self.capacity
             if n > self.capacity:
                 raise ValueError(f"start has {n} particles, limit {self.capacity}; make the solver with a larger scene")
-            position[:, world, :n] = start.position.T
-            velocity[:, world, :n] = start.velocity.T
-            error[world, :n] = self.scheme.state_equation.density_of(start.pressure / rest_pressure, self.scheme.gamma)
-            identity[world, :n] = np.arange(n)
-            identity[world, n:] = -1 - np.arange(n, self.capacity)
-        state.start.position.assign(position.reshape(dim, -1))
-        state.start.velocity.assign(velocity.reshape(dim, -1))
-        state.start.density_error.assign(error.ravel())
-        state.start.identity.assign(identity.ravel())
+            host["position"][:, first : first + n] = start.position.T
+            host["velocity"][:, first : first + n] = start.velocity.T
+            host["density_error"][first : first + n] = self.scheme.state_equation.density_of(
+                start.pressure / rest_pressure, self.scheme.gamma
+            )
+            host["identity"][first : first + n] = np.arange(n)
+            host["identity"][first + n : first + self.capacity] = -1 - np.arange(n, self.capacity)
+        for name, array in start_arrays.items():
+            array.assign(host[name])
         self._prime()
 
     def _prime(self) -> None:

@@ -10,6 +10,10 @@ import numpy as np
 import warp as wp
 
 
+# The pair loop reads whole blocks of slots and may look, without counting, this far past the last one.
+PADDING = 16
+
+
 @wp.struct
 class Faces:
     """The faces of all worlds at one instant; faces in the order x_min, x_max, y_min, ..."""
@@ -72,12 +76,13 @@ def copy_integers(mask: wp.array[wp.bool], capacity: int, source: wp.array2d[int
 def copy_worlds(mask: wp.array, capacity: int, source: wp.array, target: wp.array) -> None:
     """Copy what belongs to the worlds in the mask (world,) from one array to another of the same shape.
 
-    The last axis is the slot, or the world itself (capacity 1).
+    The last axis is the slot; capacity is the number of slots of a world.
     """
     rows = source if source.ndim == 2 else source.reshape((1, source.shape[0]))
     target = target if target.ndim == 2 else target.reshape((1, target.shape[0]))
     kernel = copy_integers if source.dtype is wp.int32 else copy_rows
-    wp.launch(kernel, dim=rows.shape, inputs=[mask, capacity, rows], outputs=[target], device=source.device)
+    shape = (rows.shape[0], mask.shape[0] * capacity)
+    wp.launch(kernel, dim=shape, inputs=[mask, capacity, rows], outputs=[target], device=source.device)
 
 
 class State:
@@ -96,10 +101,11 @@ class State:
     def __init__(self, dim: int, num_worlds: int, capacity: int, device: wp.Device):
         self.dim, self.num_worlds, self.capacity, self.device = dim, num_worlds, capacity, device
         slots = num_worlds * capacity
-        self.now = ParticleArrays(dim, slots, device)
-        self.start = ParticleArrays(dim, slots, device)
-        self.sorted = ParticleArrays(dim, slots, device)
-        self.reduced_pressure = wp.zeros(slots, dtype=float, device=device)
+        padded = slots + PADDING
+        self.now = ParticleArrays(dim, padded, device)
+        self.start = ParticleArrays(dim, padded, device)
+        self.sorted = ParticleArrays(dim, padded, device)
+        self.reduced_pressure = wp.zeros(padded, dtype=float, device=device)
         self.key = wp.zeros(slots, dtype=int, device=device)
         self.order = wp.zeros(slots, dtype=int, device=device)
         self.faces = make_faces(dim, num_worlds, device)

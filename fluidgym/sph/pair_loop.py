@@ -16,6 +16,20 @@ import warp as wp
 from fluidgym.sph.constants import Constants
 from fluidgym.sph.neighbors import Grid
 from fluidgym.sph.terms import total
+from fluidgym.state import PADDING
+
+# On a CPU a row is taken in blocks of eight lanes, each lane with sums of its own: what a block reads past its row is
+# computed and not counted, so that there is no tail to run one by one. Arrays are padded for the last block.
+LANES = 8
+assert LANES <= PADDING
+
+_LANES = f"""
+#if defined(__CUDA_ARCH__)
+const int lanes = 1;
+#else
+const int lanes = {LANES};
+#endif
+"""
 
 # One row after another: rows the sphere misses are passed over, the others cut to the x that the sphere needs.
 _ROWS_3D = """
@@ -46,20 +60,23 @@ if (x_high > grid.count[0] - 1) x_high = grid.count[0] - 1;
 if (x_low > x_high) continue;
 const int row = first_cell + (cz * grid.count[1] + cy) * grid.count[0];
 const int end = bounds.data[row + x_high + 1];
+for (int block = bounds.data[row + x_low]; block < end; block += lanes)
 #if !defined(__CUDA_ARCH__)
-#pragma clang loop vectorize(enable)
+#pragma clang loop vectorize(enable) vectorize_width(8) interleave(disable)
 #endif
-for (int j = bounds.data[row + x_low]; j < end; ++j) {
+for (int lane = 0; lane < lanes; ++lane) {
 #if !defined(__CUDA_ARCH__)
 #pragma clang fp reassociate(on) contract(fast)
 #endif
+const int j = block + lane;
+const bool counts = j < end;
 """
 
 
 def _snippet(dim: int, term: wp.Function, slope: wp.Function, force: bool, tilted: bool, signed: bool) -> str:
     """The native lines of one pair loop."""
     axes = range(dim)
-    lines = ["const int n = position.shape[1];"]
+    lines = [_LANES, "const int n = position.shape[1];"]
     for k in axes:
         lines += [
             f"const float* __restrict__ px{k} = position.data + {k} * n;",
@@ -67,25 +84,26 @@ def _snippet(dim: int, term: wp.Function, slope: wp.Function, force: bool, tilte
             f"const float X{k} = X[{k}], U{k} = U[{k}], T{k} = tilt[{k}], S{k} = sign[{k}];",
         ]
     lines.append("const float* __restrict__ pa = field.data;")
-    sums = [f"sum{k}" for k in (axes if force else range(2))]
-    lines.append("float " + ", ".join(f"{name} = 0.0f" for name in sums) + ";")
+    names = [f"sum{k}" for k in (axes if force else range(2))]
+    lines += [f"float {name}[lanes] = {{}};" for name in names]
     lines.append(_ROWS_3D if dim == 3 else "const int cz = 0; const float gap_z = 0.0f;")
     lines.append(_ROWS)
-    for k in axes:
-        lines.append(f"const float x{k} = X{k} - px{k}[j], u{k} = U{k} - pu{k}[j];")
-    lines.append("const float r2 = " + " + ".join(f"x{k} * x{k}" for k in axes) + ";")
-    lines.append(
-        "const float xu = " + " + ".join(f"S{k} * x{k} * u{k}" if signed else f"x{k} * u{k}" for k in axes) + ";"
-    )
-    affine = " + offset + " + " + ".join(f"T{k} * x{k}" for k in axes) if tilted else ""
+    lines += [f"const float x{k} = X{k} - px{k}[j], u{k} = U{k} - pu{k}[j];" for k in axes]
+    products = [f"S{k} * x{k} * u{k}" if signed else f"x{k} * u{k}" for k in axes]
+    affine = [f" + T{k} * x{k}" for k in axes] if tilted else []
     lines += [
+        "const float r2 = " + " + ".join(f"x{k} * x{k}" for k in axes) + ";",
+        "const float xu = " + " + ".join(products) + ";",
+        "const float a_j = pa[j]" + "".join([" + offset", *affine] if tilted else []) + ";",
         "const float r = sqrtf(r2);",
         f"const float w = {slope.native_func}(r, c);",
-        f"const float f = {term.native_func}(r, xu, w, a, pa[j]{affine}, c);",
+        f"const float f = {term.native_func}(r, xu, w, a, a_j, c);",
     ]
-    lines += [f"sum{k} += f * x{k};" for k in axes] if force else ["sum0 += f;", "sum1 -= w;"]
-    lines.append("}}}" if dim == 3 else "}}")
-    lines.append("return {" + ", ".join(sums) + "};")
+    values = [f"f * x{k}" for k in axes] if force else ["f", "-w"]
+    lines += [f"{name}[lane] += counts ? {value} : 0.0f;" for name, value in zip(names, values, strict=True)]
+    lines.append("}" * dim)
+    lines += [f"for (int lane = 1; lane < lanes; ++lane) {name}[0] += {name}[lane];" for name in names]
+    lines.append("return {" + ", ".join(f"{name}[0]" for name in names) + "};")
     return "\n".join(lines)
 
 
