@@ -1,0 +1,232 @@
+"""What a drawing shows, checked once, so that the painters can trust it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+KINDS = ("wall", "open", "periodic")
+_AXES = "xyz"
+_FARTHEST = 100.0  # Particles farther from the middle of the box, in box diagonals, are left out.
+_SMALLEST, _LARGEST = 64, 8192
+
+
+@dataclass(frozen=True)
+class Side:
+    """One side of the box.
+
+    Attributes:
+        axis: 0, 1 or 2 for x, y or z.
+        outward: -1 for the lower side of the axis, +1 for the upper.
+        kind: "wall", "open" or "periodic".
+        position: Where it lies on its axis [m].
+        moving: Whether it is a driven wall.
+    """
+
+    axis: int
+    outward: int
+    kind: str
+    position: float
+    moving: bool
+
+
+@dataclass(frozen=True)
+class Shot:
+    """Everything a drawing shows.
+
+    Attributes:
+        positions: Finite particle positions (n, dim) [m].
+        values: Finite values to colour by (n,).
+        lower: Lower box corner (dim,) [m].
+        upper: Upper box corner (dim,) [m].
+        spacing: Particle spacing [m].
+        faces: The 2 dim sides of the box, by name.
+        value_range: Values at the ends of the colour map.
+        label: Name and unit of the value.
+        time: Simulated time [s], or None.
+        title: Heading, or None.
+        text: Further lines under the heading.
+        zone: Lower and upper corner of a target region (dim,) [m], or None.
+        size: Width and height of the picture [px].
+    """
+
+    positions: np.ndarray
+    values: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    spacing: float
+    faces: dict[str, Side]
+    value_range: tuple[float, float]
+    label: str
+    time: float | None
+    title: str | None
+    text: tuple[str, ...]
+    zone: tuple[np.ndarray, np.ndarray] | None
+    size: tuple[int, int]
+
+    @property
+    def dim(self) -> int:
+        """Number of space dimensions, 2 or 3."""
+        return len(self.lower)
+
+
+def check_shot(
+    positions: Any,
+    values: Any,
+    *,
+    lower: Any,
+    upper: Any,
+    spacing: float,
+    faces: Mapping[str, Mapping[str, Any]] | None,
+    value_range: tuple[float, float] | None,
+    label: str,
+    time: float | None,
+    title: str | None,
+    text: str | Sequence[str],
+    zone: tuple[Any, Any] | None,
+    size: tuple[int, int],
+) -> Shot:
+    """Check the arguments of ``draw_frame`` and gather them.
+
+    Args:
+        positions: As in ``draw_frame``.
+        values: As in ``draw_frame``.
+        lower: As in ``draw_frame``.
+        upper: As in ``draw_frame``.
+        spacing: As in ``draw_frame``.
+        faces: As in ``draw_frame``.
+        value_range: As in ``draw_frame``.
+        label: As in ``draw_frame``.
+        time: As in ``draw_frame``.
+        title: As in ``draw_frame``.
+        text: As in ``draw_frame``.
+        zone: As in ``draw_frame``.
+        size: As in ``draw_frame``.
+
+    Returns:
+        What is drawn, without particles that are far away or have a position or value that is not finite.
+
+    Raises:
+        ValueError: An argument is out of its limits.
+    """
+    box = _check_box("lower", lower, "upper", upper)
+    dim = len(box[0])
+    points, numbers = _check_particles(positions, values, *box)
+    spacing = _number("spacing", spacing, "[m]")
+    if spacing <= 0.0:
+        raise ValueError(f"spacing: {spacing:g} m is not above 0; give the particle spacing")
+    zone_box = None if zone is None else _check_zone(zone, dim)
+    return Shot(
+        positions=points,
+        values=numbers,
+        lower=box[0],
+        upper=box[1],
+        spacing=spacing,
+        faces=_check_faces(faces, *box),
+        value_range=_check_range(value_range, numbers),
+        label=str(label),
+        time=None if time is None else _number("time", time, "[s]"),
+        title=None if title is None else str(title),
+        text=(text,) if isinstance(text, str) else tuple(str(line) for line in text),
+        zone=zone_box,
+        size=_check_size(size),
+    )
+
+
+def _number(name: str, value: Any, unit: str = "") -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = np.nan
+    if not np.isfinite(number):
+        raise ValueError(f"{name}: {value!r} is not a finite number; give one number {unit}".rstrip())
+    return number
+
+
+def _corner(name: str, value: Any) -> np.ndarray:
+    corner = np.asarray(value, dtype=np.float64)
+    if corner.shape not in ((2,), (3,)) or not np.isfinite(corner).all():
+        raise ValueError(f"{name}: {value!r} is not 2 or 3 finite numbers; give a corner [m]")
+    return corner
+
+
+def _check_box(low_name: str, low: Any, high_name: str, high: Any) -> tuple[np.ndarray, np.ndarray]:
+    lower, upper = _corner(low_name, low), _corner(high_name, high)
+    if lower.shape != upper.shape or not (lower < upper).all():
+        raise ValueError(
+            f"{high_name}: {upper.tolist()} is not above {low_name} {lower.tolist()} on every axis; "
+            "give two opposite corners [m]"
+        )
+    return lower, upper
+
+
+def _check_zone(zone: Any, dim: int) -> tuple[np.ndarray, np.ndarray]:
+    if np.ndim(zone) != 2 or len(zone) != 2:
+        raise ValueError(f"zone: {zone!r} must be two corners of one length; give (lower, upper) [m]")
+    lower, upper = _check_box("zone lower", zone[0], "zone upper", zone[1])
+    if len(lower) != dim:
+        raise ValueError(f"zone: {len(lower)} axes, but the box has {dim}; give corners of {dim} [m]")
+    return lower, upper
+
+
+def _check_particles(
+    positions: Any, values: Any, lower: np.ndarray, upper: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    dim = len(lower)
+    points = np.asarray(positions, dtype=np.float64)
+    numbers = np.asarray(values, dtype=np.float64)
+    if points.size == 0:
+        points = points.reshape(0, dim)
+    if points.ndim != 2 or points.shape[1] != dim:
+        raise ValueError(
+            f"positions: shape {points.shape} must be (n, {dim}) as the box has {dim} axes; give one row per particle"
+        )
+    if numbers.shape != points.shape[:1]:
+        raise ValueError(f"values: shape {numbers.shape} must be ({len(points)},); give one value per particle")
+    near = np.abs(points - 0.5 * (lower + upper)) < _FARTHEST * np.linalg.norm(upper - lower)
+    good = near.all(axis=1) & np.isfinite(numbers)
+    return points[good], numbers[good]
+
+
+def _check_range(value_range: Any, numbers: np.ndarray) -> tuple[float, float]:
+    if value_range is None:
+        low, high = (float(numbers.min()), float(numbers.max())) if len(numbers) else (0.0, 1.0)
+        return (low, high) if high > low else (low, low + 1.0)
+    if np.shape(value_range) != (2,):
+        raise ValueError(f"value_range: {value_range!r} must be two numbers; give (low, high)")
+    low, high = (_number("value_range", end) for end in value_range)
+    if not low < high:
+        raise ValueError(f"value_range: ({low:g}, {high:g}) does not rise; give low below high")
+    return low, high
+
+
+def _check_size(size: Any) -> tuple[int, int]:
+    sides = tuple(size) if isinstance(size, Sequence | np.ndarray) else (size,)
+    whole = all(isinstance(side, int | np.integer) for side in sides)
+    if len(sides) != 2 or not whole or not all(_SMALLEST <= side <= _LARGEST for side in sides):
+        raise ValueError(
+            f"size: {size!r} must be two whole numbers from {_SMALLEST} to {_LARGEST}; give (width, height) [px]"
+        )
+    return int(sides[0]), int(sides[1])
+
+
+def _check_faces(
+    faces: Mapping[str, Mapping[str, Any]] | None, lower: np.ndarray, upper: np.ndarray
+) -> dict[str, Side]:
+    given = dict(faces or {})
+    checked = {}
+    for axis in range(len(lower)):
+        for outward, side, box in ((-1, "min", lower), (1, "max", upper)):
+            name = f"{_AXES[axis]}_{side}"
+            entry = given.pop(name, {})
+            kind = entry.get("kind", "wall")
+            if kind not in KINDS:
+                raise ValueError(f"faces[{name!r}]: kind {kind!r} must be one of {', '.join(KINDS)}")
+            position = _number(f"faces[{name!r}] position", entry.get("position", box[axis]), "[m]")
+            checked[name] = Side(axis, outward, kind, position, bool(entry.get("moving", False)))
+    if given:
+        raise ValueError(f"faces: {', '.join(map(repr, given))} unknown; use {', '.join(checked)}")
+    return checked
