@@ -1,0 +1,110 @@
+"""One world as a gymnasium.Env."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.error import ResetNeeded
+
+from fluidgym.envs import make_task
+from fluidgym.envs.runner import Runner
+from fluidgym.envs.screen import RENDER_MODES, Screen
+from fluidgym.envs.task import Task
+from fluidgym.solver import Solver
+
+_ONE = np.ones(1, bool)
+
+
+class FluidEnv(gymnasium.Env[np.ndarray, np.ndarray]):
+    """A task in one world.
+
+    The time limit is not in here: gymnasium.make adds it. An action outside the action space is clipped into it.
+    """
+
+    # Each instance has a copy of its own.
+    metadata: dict[str, Any] = {"render_modes": RENDER_MODES, "render_fps": 20}  # noqa: RUF012
+
+    def __init__(
+        self,
+        task: str = "DamBreakContain",
+        *,
+        render_mode: str | None = None,
+        device: str | None = None,
+        **options: Any,
+    ):
+        """Make the world.
+
+        Args:
+            task: Name of the task.
+            render_mode: "rgb_array", "human", or None.
+            device: "cpu", "cuda", ...; None takes a GPU where there is one.
+            options: What the task takes; see its class.
+
+        Raises:
+            ValueError: An argument is out of its limits.
+        """
+        posed = make_task(task, **options)
+        self._screen = Screen(render_mode, posed.control_interval)
+        self.render_mode = render_mode
+        self.metadata = self._screen.metadata(self.metadata)
+        self.observation_space, self.action_space = posed.observation_space, posed.action_space
+        self._action_shape = posed.action_space.shape
+        self._runner = Runner(posed, 1, device)
+
+    @property
+    def task(self) -> Task:
+        """The task."""
+        return self._runner.task
+
+    @property
+    def solver(self) -> Solver:
+        """The simulated world."""
+        return self._runner.solver
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Begin an episode.
+
+        Args:
+            seed: Key of this and the following episodes; None goes on with the one before.
+            options: Not used.
+        """
+        super().reset(seed=seed)
+        if seed is None and self._runner.needs_seed():
+            seed = int(self.np_random.integers(2**31))
+        outcome = self._runner.reset(_ONE, [seed])
+        self._show()
+        return outcome.observation[0], _first(outcome.info)
+
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """Go on by one control interval.
+
+        Raises:
+            ValueError: The action has the wrong shape or is not finite; the world is as it was.
+            ResetNeeded: There was no reset yet.
+        """
+        if self._runner.needs_seed():
+            raise ResetNeeded("step was called before reset; call reset() first")
+        outcome = self._runner.step(self._runner.check_actions(action, "action", self._action_shape))
+        self._show()
+        terminated = bool(outcome.terminated[0])
+        return outcome.observation[0], float(outcome.reward[0]), terminated, False, _first(outcome.info)
+
+    def render(self) -> np.ndarray | None:
+        """A picture (height, width, 3) uint8, or None where the window shows it already."""
+        return self._runner.frame(0) if self.render_mode == "rgb_array" else None
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        self._screen.close()
+
+    def _show(self) -> None:
+        if self.render_mode == "human":
+            self._screen.show([self._runner.frame(0)])
+
+
+def _first(info: dict[str, np.ndarray]) -> dict[str, Any]:
+    return {name: values[0].item() for name, values in info.items()}

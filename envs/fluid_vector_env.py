@@ -1,0 +1,231 @@
+"""Many worlds as a gymnasium.vector.VectorEnv."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium.error import ResetNeeded
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from fluidgym.envs import make_task
+from fluidgym.envs.runner import Outcome, Runner
+from fluidgym.envs.screen import MOST_TILES, RENDER_MODES, Screen
+from fluidgym.envs.task import Task
+from fluidgym.solver import Solver
+
+
+class FluidVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
+    """A task in many worlds, stepped as one.
+
+    World k is, bit for bit, what a FluidEnv with the same seed and actions is. An action outside the action space is
+    clipped into it.
+    """
+
+    # Each instance has a copy of its own.
+    metadata: dict[str, Any] = {  # noqa: RUF012
+        "render_modes": RENDER_MODES,
+        "render_fps": 20,
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        task: str = "DamBreakContain",
+        *,
+        max_episode_steps: int | None = None,
+        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
+        render_mode: str | None = None,
+        device: str | None = None,
+        **options: Any,
+    ):
+        """Make the worlds.
+
+        Args:
+            num_envs: Number of worlds.
+            task: Name of the task.
+            max_episode_steps: Episodes are truncated after so many steps; None never truncates. gymnasium.make_vec
+                gives the number that the environment is registered with.
+            autoreset_mode: What follows the end of an episode: "NextStep" resets in the next step, whose action is
+                not used; "SameStep" resets at once and puts the end into info as final_obs and final_info; "Disabled"
+                waits for reset with options={"reset_mask": mask}.
+            render_mode: "rgb_array", "human" (up to 16 worlds side by side), or None.
+            device: "cpu", "cuda", ...; None takes a GPU where there is one.
+            options: What the task takes; see its class.
+
+        Raises:
+            ValueError: An argument is out of its limits.
+        """
+        posed = make_task(task, **options)
+        self._screen = Screen(render_mode, posed.control_interval)
+        self._mode = _autoreset_mode(autoreset_mode)
+        if max_episode_steps is not None and max_episode_steps < 1:
+            raise ValueError(f"max_episode_steps = {max_episode_steps} is below the limit 1; use 1 or more, or None")
+        if num_envs < 1:
+            raise ValueError(f"num_envs = {num_envs} is below the limit 1; use 1 or more")
+        self.num_envs = num_envs
+        self.render_mode = render_mode
+        self.metadata = {**self._screen.metadata(self.metadata), "autoreset_mode": self._mode}
+        self.single_observation_space, self.single_action_space = posed.observation_space, posed.action_space
+        self.observation_space = batch_space(posed.observation_space, num_envs)
+        self.action_space = batch_space(posed.action_space, num_envs)
+        self._action_shape = posed.action_space.shape
+        self._limit = max_episode_steps
+        self._steps = np.zeros(num_envs, int)
+        self._ended = np.zeros(num_envs, bool)
+        self._runner = Runner(posed, num_envs, device)
+
+    @property
+    def task(self) -> Task:
+        """The task."""
+        return self._runner.task
+
+    @property
+    def solver(self) -> Solver:
+        """The simulated worlds."""
+        return self._runner.solver
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Begin an episode in all worlds, or in some.
+
+        Args:
+            seed: Keys of this and the following episodes: s makes world k what a FluidEnv seeded s + k is; a sequence
+                has one seed for each world; None goes on with those before.
+            options: "reset_mask", bool (world,): the worlds that begin an episode; the others stay as they are.
+
+        Raises:
+            ValueError: The seeds or the mask have the wrong shape.
+        """
+        worlds = self._reset_mask(options)
+        seeds = self._world_seeds(seed)
+        outcome = self._begin(worlds, seeds)
+        self._show()
+        return outcome.observation, _with_masks(outcome.info, worlds)
+
+    def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Go on by one control interval in all worlds.
+
+        Raises:
+            ValueError: The actions have the wrong shape or one is not finite; the worlds are as they were.
+            ResetNeeded: There was no reset yet, or autoreset is disabled and an ended world was not reset.
+        """
+        if self._runner.needs_seed():
+            raise ResetNeeded("step was called before reset; call reset() first")
+        checked = self._runner.check_actions(actions, "actions", (self.num_envs, *self._action_shape))
+        renewed = self._ended
+        if self._mode == AutoresetMode.DISABLED and renewed.any():
+            ended = np.flatnonzero(renewed).tolist()
+            raise ResetNeeded(f"worlds {ended} have ended; call reset(options={{'reset_mask': mask}}) first")
+        if renewed.all():
+            outcome = self._begin(renewed)
+            truncated = np.zeros(self.num_envs, bool)
+        else:
+            outcome = self._runner.step(checked)
+            self._steps += 1
+            truncated = np.full(self.num_envs, False) if self._limit is None else self._steps >= self._limit
+            if renewed.any():
+                truncated[renewed] = False
+                _merge(outcome, self._begin(renewed), renewed)
+        outcome.reward[renewed], outcome.terminated[renewed] = 0.0, False
+        self._ended = outcome.terminated | truncated
+        final: dict[str, Any] = {}
+        ended = self._ended
+        if self._mode == AutoresetMode.SAME_STEP and ended.any():
+            final = self._final(outcome)
+            _merge(outcome, self._begin(ended), ended)
+        self._show()
+        info = {**final, **_with_masks(outcome.info, np.ones(self.num_envs, bool))}
+        return outcome.observation, outcome.reward, outcome.terminated, truncated, info
+
+    def render(self) -> tuple[np.ndarray, ...] | None:
+        """One picture (height, width, 3) uint8 of each world, or None where the window shows them already."""
+        if self.render_mode != "rgb_array":
+            return None
+        return tuple(self._runner.frame(world) for world in range(self.num_envs))
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Close the window, if there is one."""
+        self._screen.close()
+
+    def _begin(self, worlds: np.ndarray, seeds: Sequence[int | None] | None = None) -> Outcome:
+        """Begin an episode in the worlds of a mask."""
+        outcome = self._runner.reset(worlds, seeds or [None] * self.num_envs)
+        self._steps[worlds] = 0
+        self._ended = self._ended & ~worlds
+        return outcome
+
+    def _final(self, outcome: Outcome) -> dict[str, Any]:
+        """The end of episodes, as Gymnasium's same-step mode hands it on."""
+        ended = self._ended
+        observations = np.full(self.num_envs, None, dtype=object)
+        for world in np.flatnonzero(ended):
+            observations[world] = outcome.observation[world].copy()
+        return {
+            "final_obs": observations,
+            "_final_obs": ended.copy(),
+            "final_info": _with_masks(outcome.info, ended),
+            "_final_info": ended.copy(),
+        }
+
+    def _reset_mask(self, options: dict[str, Any] | None) -> np.ndarray:
+        if options is None or "reset_mask" not in options:
+            return np.ones(self.num_envs, bool)
+        mask = options["reset_mask"]
+        if not isinstance(mask, np.ndarray) or mask.dtype != bool or mask.shape != (self.num_envs,) or not mask.any():
+            raise ValueError(
+                f"options['reset_mask'] = {mask!r} must be a bool array ({self.num_envs},) with a True in it;"
+                " give one bool a world"
+            )
+        if self._runner.needs_seed() and not mask.all():
+            raise ResetNeeded("reset with a mask was called before a reset of all worlds; call reset() first")
+        return mask.copy()
+
+    def _world_seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
+        """A seed for each world, or None to go on with the one it has."""
+        if isinstance(seed, int | np.integer):
+            super().reset(seed=int(seed))
+            return [int(seed) + world for world in range(self.num_envs)]
+        seeds: list[int | None] = [None] * self.num_envs
+        if seed is not None:
+            seeds = [None if one is None else int(one) for one in seed]
+            if len(seeds) != self.num_envs or any(one is not None and one < 0 for one in seeds):
+                raise ValueError(
+                    f"seed = {seed!r} must be {self.num_envs} numbers of 0 or more; give one for each world"
+                )
+        if self._runner.needs_seed():
+            first = int(self.np_random.integers(2**31))
+            seeds = [first + world if one is None else one for world, one in enumerate(seeds)]
+        return seeds
+
+    def _show(self) -> None:
+        if self.render_mode == "human":
+            self._screen.show([self._runner.frame(world) for world in range(min(self.num_envs, MOST_TILES))])
+
+
+def _autoreset_mode(given: str | AutoresetMode) -> AutoresetMode:
+    try:
+        return AutoresetMode(given)
+    except ValueError:
+        known = ", ".join(repr(mode.value) for mode in AutoresetMode)
+        raise ValueError(f"autoreset_mode = {given!r} is unknown; use {known}") from None
+
+
+def _merge(outcome: Outcome, fresh: Outcome, worlds: np.ndarray) -> None:
+    """Put what is observed at the start of the worlds of a mask over what was observed before."""
+    outcome.observation[worlds] = fresh.observation[worlds]
+    for name, values in outcome.info.items():
+        values[worlds] = fresh.info[name][worlds]
+
+
+def _with_masks(info: dict[str, np.ndarray], worlds: np.ndarray) -> dict[str, np.ndarray]:
+    """Each array of an info, zero outside the worlds of the mask, and the mask beside it."""
+    masked: dict[str, np.ndarray] = {}
+    for name, values in info.items():
+        masked[name] = np.where(worlds, values, np.zeros_like(values))
+        masked[f"_{name}"] = worlds.copy()
+    return masked

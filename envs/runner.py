@@ -1,0 +1,149 @@
+"""The runner: one task in N worlds. The only code that steps, whatever environment is around it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from fluidgym.envs.task import Task
+from fluidgym.scene import face_names
+from fluidgym.solver import Solver
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What is known of the worlds after a step or at a start.
+
+    Attributes:
+        observation: (world, ...), float32.
+        reward: (world,).
+        terminated: bool (world,).
+        info: Arrays (world,).
+    """
+
+    observation: np.ndarray
+    reward: np.ndarray
+    terminated: np.ndarray
+    info: dict[str, np.ndarray]
+
+
+class Runner:
+    """A task and the solver of its worlds.
+
+    Attributes:
+        task: The task.
+        solver: The worlds.
+    """
+
+    def __init__(self, task: Task, num_worlds: int, device: str | None):
+        """Make the worlds.
+
+        Args:
+            task: The task.
+            num_worlds: Number of worlds.
+            device: "cpu", "cuda", ...; None takes a GPU where there is one.
+        """
+        self.task = task
+        self.solver = Solver(task.scene, task.scheme, num_worlds, device)
+        task.attach(self.solver)
+        self._seeds: list[int | None] = [None] * num_worlds
+        self._episodes = [0] * num_worlds
+
+    @property
+    def num_worlds(self) -> int:
+        """Number of worlds."""
+        return self.solver.num_worlds
+
+    def reset(self, worlds: np.ndarray, seeds: Sequence[int | None]) -> Outcome:
+        """Begin an episode in some worlds; the others stay as they are.
+
+        An episode is keyed by the seed of its world and by how many there were in the world since that seed.
+
+        Args:
+            worlds: Which, bool (world,).
+            seeds: A new seed for each world (world,); None goes on with the one it has.
+        """
+        chosen = np.flatnonzero(worlds).tolist()
+        keys = {}
+        for world in chosen:
+            seed = seeds[world]
+            keys[world] = (self._seeds[world], self._episodes[world] + 1) if seed is None else (int(seed), 0)
+        starts = [self.task.start(np.random.default_rng(keys[world])) for world in chosen]
+        for world, (seed, episode) in keys.items():
+            self._seeds[world], self._episodes[world] = seed, episode
+        self.solver.set_start(chosen, starts)
+        self.solver.reset(worlds)
+        self.task.begin(worlds)
+        return self._outcome()
+
+    def needs_seed(self) -> bool:
+        """Whether there are worlds that never had a seed."""
+        return None in self._seeds
+
+    def step(self, actions: np.ndarray) -> Outcome:
+        """Go on by one control interval in all worlds.
+
+        Args:
+            actions: (world, action), as `check_actions` gave them.
+        """
+        self.task.apply_action(actions)
+        self.solver.advance(self.task.control_interval)
+        self.task.measure()
+        return self._outcome()
+
+    def check_actions(self, actions: Any, name: str, shape: tuple[int, ...]) -> np.ndarray:
+        """Actions as float64 (world, action), clipped into the action space. Nothing else happens.
+
+        Args:
+            actions: What the user gave.
+            name: What the user calls it.
+            shape: The shape it is to have.
+
+        Raises:
+            ValueError: The shape is wrong or a number is not finite.
+        """
+        space = self.task.action_space
+        limits = f"{space.low.min():g} to {space.high.max():g}"
+        try:
+            values = np.asarray(actions, dtype=float)
+        except (TypeError, ValueError):
+            raise ValueError(f"{name} = {actions!r} is not numbers; give {shape} numbers of {limits}") from None
+        if values.shape != shape:
+            raise ValueError(f"{name} has shape {values.shape}, limit {shape}; give numbers of {limits} in that shape")
+        wrong = np.argwhere(~np.isfinite(values))
+        if len(wrong):
+            place = tuple(wrong[0].tolist())
+            raise ValueError(
+                f"{name}[{', '.join(map(str, place))}] = {values[place]} is not finite, limit {limits};"
+                " give a finite number"
+            )
+        return np.clip(values.reshape(self.num_worlds, *space.shape), space.low, space.high)
+
+    def frame(self, world: int) -> np.ndarray:
+        """A picture of a world (height, width, 3), uint8."""
+        from fluidgym.render import draw_frame  # a picture costs nothing where none is asked for
+
+        scene, particles = self.solver.scene, self.solver.particles(world)
+        positions = self.solver.state.faces.position.numpy()[world]
+        faces = {
+            name: {"kind": scene.faces[name].kind, "position": float(position), "moving": scene.faces[name].moving}
+            for name, position in zip(face_names(scene.dim), positions, strict=True)
+        }
+        return draw_frame(
+            particles.position,
+            np.sqrt((particles.velocity**2).sum(axis=1)),
+            lower=scene.lower,
+            upper=scene.upper,
+            spacing=scene.particle_spacing,
+            faces=faces,
+            value_range=(0.0, self.task.reference_speed),
+            label="speed [m/s]",
+            **self.task.annotate(world),
+        )
+
+    def _outcome(self) -> Outcome:
+        task = self.task
+        return Outcome(task.observe(), task.reward(), task.terminated(), task.info())

@@ -1,0 +1,63 @@
+"""Pictures and the window of an environment."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+RENDER_MODES = ["human", "rgb_array"]
+MOST_TILES = 16  # worlds shown at once in a window
+
+
+class Screen:
+    """Where the frames of an environment go."""
+
+    def __init__(self, render_mode: str | None, interval: float):
+        """Remember the mode; no window is opened before the first frame.
+
+        Args:
+            render_mode: One of RENDER_MODES, or None.
+            interval: Time between frames [s].
+
+        Raises:
+            ValueError: There is no such mode.
+        """
+        if render_mode is not None and render_mode not in RENDER_MODES:
+            raise ValueError(
+                f"render_mode = {render_mode!r} is unknown; use {', '.join(map(repr, RENDER_MODES))} or None"
+            )
+        self._frames_per_second = max(1, round(1.0 / interval))
+        self._window: Any = None
+
+    def metadata(self, given: Mapping[str, Any]) -> dict[str, Any]:
+        """A copy of an environment's metadata with the frame rate of its own."""
+        return {**given, "render_fps": self._frames_per_second}
+
+    def show(self, frames: Sequence[np.ndarray]) -> None:
+        """Show frames side by side in the window."""
+        if self._window is None:
+            from fluidgym.render import Window
+
+            self._window = Window("FluidGym", fps=self._frames_per_second)
+        self._window.show(_tile(frames))
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._window is not None:
+            self._window.close()
+            self._window = None
+
+
+def _tile(frames: Sequence[np.ndarray]) -> np.ndarray:
+    """Frames of one size as one picture, row by row in a square."""
+    columns = math.ceil(math.sqrt(len(frames)))
+    rows = math.ceil(len(frames) / columns)
+    height, width, _ = frames[0].shape
+    picture = np.zeros((rows * height, columns * width, 3), np.uint8)
+    for index, frame in enumerate(frames):
+        row, column = divmod(index, columns)
+        picture[row * height : (row + 1) * height, column * width : (column + 1) * width] = frame
+    return picture

@@ -1,0 +1,181 @@
+"""A few numbers of each world's fluid, summed on the device: what a reward needs.
+
+Two stages, so that the order of the sums is fixed: chunks of slots first, then the chunks of a world.
+"""
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+import numpy as np
+import warp as wp
+
+CHUNK = 32  # slots that one thread adds up
+
+Sums = wp.types.vector(11, wp.float32)
+LIVE = wp.constant(0)  # particles in the box
+IN_ZONE = wp.constant(1)  # of these in the zone
+ABOVE = wp.constant(2)  # of these above the height
+PLACE = wp.constant(3)  # sum of places from the middle of the box [m], three components
+SPREAD = wp.constant(6)  # sum of squares of the place along x [m2]
+MOTION = wp.constant(7)  # sum of squares of velocity [m2/s2]
+BROKEN = wp.constant(8)  # particles with a number that is not finite
+DENSITY_ERROR = wp.constant(9)  # largest |s|
+SPEED = wp.constant(10)  # largest speed [m/s]
+ADDED = wp.constant(9)  # the components before this are sums, the others maxima
+
+
+@wp.struct
+class Marks:
+    """What the fluid of a world is held against."""
+
+    middle: wp.vec3  # of the box [m]
+    zone_lower: wp.vec3  # [m]
+    zone_upper: wp.vec3  # [m]
+    height: float  # [m]
+    inv_spacing: float  # of the particles [1/m]
+
+
+@wp.func
+def join(a: Sums, b: Sums) -> Sums:
+    """The numbers of two sets of particles together."""
+    both = a + b
+    for k in range(ADDED, SPEED + 1):
+        both[k] = wp.max(a[k], b[k])
+    return both
+
+
+@lru_cache
+def make_measure(dim: int) -> wp.Kernel:
+    """Kernel that adds up the particles of one chunk."""
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def measure_chunk(
+        capacity: int,
+        marks: Marks,
+        position: wp.array2d[float],
+        velocity: wp.array2d[float],
+        density_error: wp.array[float],
+        identity: wp.array[int],
+        partial: wp.array2d[Sums],
+    ):
+        world, chunk = wp.tid()
+        sums = Sums()
+        for slot in range(chunk * CHUNK, wp.min((chunk + 1) * CHUNK, capacity)):
+            i = world * capacity + slot
+            if identity[i] >= 0:
+                one = Sums()
+                one[LIVE] = 1.0
+                inside = float(1.0)
+                for k in range(wp.static(dim)):
+                    x = position[k, i]
+                    # Edges one spacing wide: the share of the particle's cube that is inside.
+                    inside *= wp.clamp((x - marks.zone_lower[k]) * marks.inv_spacing + 0.5, 0.0, 1.0)
+                    inside *= wp.clamp((marks.zone_upper[k] - x) * marks.inv_spacing + 0.5, 0.0, 1.0)
+                    one[PLACE + k] = x - marks.middle[k]
+                    one[MOTION] += velocity[k, i] * velocity[k, i]
+                top = position[wp.static(dim - 1), i]
+                one[IN_ZONE] = inside
+                one[ABOVE] = wp.clamp((top - marks.height) * marks.inv_spacing + 0.5, 0.0, 1.0)
+                one[SPREAD] = one[PLACE] * one[PLACE]
+                one[DENSITY_ERROR] = wp.abs(density_error[i])
+                one[SPEED] = wp.sqrt(one[MOTION])
+                total = one[PLACE] + one[PLACE + 1] + one[PLACE + 2] + one[MOTION] + density_error[i]
+                if not wp.isfinite(total):
+                    one = Sums()
+                    one[LIVE] = 1.0
+                    one[BROKEN] = 1.0
+                sums = join(sums, one)
+        partial[world, chunk] = sums
+
+    return measure_chunk
+
+
+@wp.kernel(module="fluidgym.measure", enable_backward=False)
+def join_chunks(partial: wp.array2d[Sums], totals: wp.array[Sums]):
+    """Add up the chunks of each world."""
+    world = wp.tid()
+    sums = Sums()
+    for chunk in range(partial.shape[1]):
+        sums = join(sums, partial[world, chunk])
+    totals[world] = sums
+
+
+class Measure:
+    """Sums over the particles of every world, held against a zone and a height."""
+
+    def __init__(
+        self,
+        lower: Sequence[float],
+        upper: Sequence[float],
+        zone: tuple[Sequence[float], Sequence[float]],
+        height: float,
+        spacing: float,
+        num_worlds: int,
+        capacity: int,
+        device: wp.Device,
+    ):
+        """Set the marks.
+
+        Args:
+            lower: Lower corner of the box [m], (dim,).
+            upper: Upper corner of the box [m], (dim,).
+            zone: Corners of the zone [m], each (dim,); where it reaches the box it has no edge.
+            height: What counts as above [m].
+            spacing: Particle spacing dx [m].
+            num_worlds: Number of worlds.
+            capacity: Slots of each world.
+            device: Where the particles are.
+        """
+        low, high, dim = np.asarray(lower, float), np.asarray(upper, float), len(lower)
+        zone_low, zone_high = np.asarray(zone[0], float), np.asarray(zone[1], float)
+        far = 1.0e6 * (high - low).max()
+        marks = Marks()
+        marks.middle = _three(0.5 * (low + high))
+        marks.zone_lower = _three(np.where(zone_low <= low, -far, zone_low))
+        marks.zone_upper = _three(np.where(zone_high >= high, far, zone_high))
+        marks.height, marks.inv_spacing = height, 1.0 / spacing
+        self._marks, self._middle, self._dim = marks, 0.5 * (low + high), dim
+        self._capacity, self._device = capacity, device
+        self._kernel = make_measure(dim)
+        self._partial = wp.zeros((num_worlds, -(-capacity // CHUNK)), dtype=Sums, device=device)
+        self._totals = wp.zeros(num_worlds, dtype=Sums, device=device)
+
+    def run(
+        self, position: wp.array, velocity: wp.array, density_error: wp.array, identity: wp.array
+    ) -> dict[str, np.ndarray]:
+        """Measure the particles.
+
+        Args:
+            position: [m], (dim, slot).
+            velocity: [m/s], (dim, slot).
+            density_error: s = rho/rho_0 - 1, (slot,).
+            identity: Negative for retired particles, (slot,).
+
+        Returns:
+            Arrays (world,): live, the number of particles in the box; broken, of these with a number that is not
+            finite, which count nowhere else; in_zone and above, shares of the rest; spread, their rms distance along x
+            from the centre of mass [m]; speed_squared, their mean [m2/s2]; top_speed [m/s]; density_error, the
+            largest |s|. And center, (world, dim) [m].
+        """
+        inputs = [self._capacity, self._marks, position, velocity, density_error, identity]
+        wp.launch(self._kernel, self._partial.shape, inputs, [self._partial], device=self._device)
+        wp.launch(join_chunks, self._totals.shape, [self._partial], [self._totals], device=self._device)
+        sums = self._totals.numpy().astype(float)
+        live, broken = sums[:, LIVE], sums[:, BROKEN]
+        mean = sums / np.maximum(live - broken, 1.0)[:, None]
+        offset = mean[:, PLACE : PLACE + self._dim]
+        return {
+            "live": live.astype(int),
+            "broken": broken.astype(int),
+            "in_zone": mean[:, IN_ZONE],
+            "above": mean[:, ABOVE],
+            "center": self._middle + offset,
+            "spread": np.sqrt(np.maximum(mean[:, SPREAD] - offset[:, 0] * offset[:, 0], 0.0)),
+            "speed_squared": mean[:, MOTION],
+            "top_speed": sums[:, SPEED],
+            "density_error": sums[:, DENSITY_ERROR],
+        }
+
+
+def _three(values: np.ndarray) -> wp.vec3:
+    return wp.vec3(*values, *[0.0] * (3 - len(values)))
