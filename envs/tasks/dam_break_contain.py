@@ -1,4 +1,4 @@
-"""Keep a collapsing column of water in the left half of a box with its moving right wall."""
+"""Keep a collapsing column of water in the left part of a tank with its moving right wall."""
 
 from __future__ import annotations
 
@@ -19,17 +19,19 @@ from fluidgym.scheme import DEFAULT_SCHEME, Scheme
 from fluidgym.solver import Solver
 from fluidgym.sph.measure import Measure
 
+# The tank is that of the dam break everybody measures: a column twice as wide as high in a tank 5.366 heights long.
 WALL = "x_max"
-HEIGHT = 1.0  # of the column [m]
-WIDTH = 0.5  # of the column along x, and in 3D along y [m]
-BOX = {2: (2.0, 1.5), 3: (2.0, 1.0, 1.5)}  # [m]
-TRAVEL = (0.9, 2.0)  # of the wall [m]
-ZONE_WIDTH = 1.0  # [m]
-ZONE_HEIGHT = 0.6  # [m]
-SPLASH_HEIGHT = 0.75  # [m]
+HEIGHT = 0.6  # H, of the column [m]
+WIDTH = 2.0 * HEIGHT  # of the column along x [m]
+LENGTH = 5.366 * HEIGHT  # of the tank [m]
+BOX = {2: (LENGTH, 2.5 * HEIGHT), 3: (LENGTH, HEIGHT, 2.5 * HEIGHT)}  # [m]
+TRAVEL = (2.6 * HEIGHT, LENGTH)  # of the wall [m]
+ZONE_WIDTH = 3.0 * HEIGHT  # [m]
+ZONE_HEIGHT = 0.8 * HEIGHT  # [m]
+SPLASH_HEIGHT = 1.2 * HEIGHT  # [m]
 EPISODE = 4.0  # [s]
-RESOLUTION = {2: 32, 3: 16}
-GRID = {2: (12, 16), 3: (6, 4, 8)}
+RESOLUTION = {2: 16, 3: 10}
+GRID = {2: (10, 20), 3: (6, 3, 12)}
 WEIGHTS = {"effort": 0.05, "splash": 0.2, "spread": 0.1}
 GRAVITY = 9.81  # [m/s2]
 
@@ -47,7 +49,7 @@ class DamBreakContain(Task):
     box; beside it the wall's position (0 to 1 over its travel), its velocity (-1 to 1) and the time (0 to 1 over 4 s).
 
     Reward, from -0.35 to 1 with the default weights: containment - 0.05 effort - 0.2 splash - 0.1 spread, where
-    containment is the share of the fluid in the zone x < 1.0 m, height < 0.6 m; splash the share above 0.75 m; spread
+    containment is the share of the fluid in the zone x < 1.8 m, height < 0.48 m; splash the share above 0.72 m; spread
     its width; effort that of the wall. A world that has diverged gets the lowest reward and is terminated.
 
     Every episode has a column of its own, wider or narrower and higher or lower by up to `variation`, its particles
@@ -62,10 +64,11 @@ class DamBreakContain(Task):
         obs: str = "flat",
         grid: Sequence[int] | None = None,
         control_interval: float = 0.05,
-        max_wall_speed: float = 1.0,
+        max_wall_speed: float = 1.5,
         max_wall_acceleration: float = 8.0,
         variation: float = 0.1,
         jitter: float = 0.05,
+        depth: float = 0.5,
         weights: Mapping[str, float] | None = None,
         scheme: Scheme = DEFAULT_SCHEME,
     ):
@@ -73,15 +76,16 @@ class DamBreakContain(Task):
 
         Args:
             dim: 2 or 3.
-            resolution: Particles over the height of the column; None is 32 in 2D and 16 in 3D.
+            resolution: Particles over the height of the column; None is 16 in 2D and 10 in 3D.
             command: "velocity" or "acceleration".
             obs: "flat" is one vector, "grid" (channel, ny, nx) or (channel, nz, ny, nx).
-            grid: Cells of the coarse grid, (ny, nx) or (nz, ny, nx); None is (12, 16) or (6, 4, 8).
+            grid: Cells of the coarse grid, (ny, nx) or (nz, ny, nx); None is (10, 20) or (6, 3, 12).
             control_interval: Time between actions [s].
             max_wall_speed: [m/s].
             max_wall_acceleration: [m/s2].
             variation: Largest change of the column's width and height from episode to episode, as a share.
             jitter: Largest shift of each start position, as a share of the particle spacing.
+            depth: In 3D, the share of the tank's depth that the column takes; 1 makes the 2D flow of a slice.
             weights: Of effort, splash and spread in the reward; those not named keep their default.
             scheme: How the fluid is simulated.
 
@@ -97,6 +101,7 @@ class DamBreakContain(Task):
         _check_range("control_interval", control_interval, 0.005, 0.5, "0.05", "s")
         _check_range("variation", variation, 0.0, 0.2, "0.1")
         _check_range("jitter", jitter, 0.0, 0.25, "0.05")
+        _check_range("depth", depth, 0.1, 1.0, "0.5")
         observations.check_kind(obs)
         self.dim, self.scheme, self.obs = dim, scheme, obs
         self.control_interval = control_interval
@@ -104,7 +109,7 @@ class DamBreakContain(Task):
         self.wall = DrivenWall(TRAVEL, max_wall_speed, max_wall_acceleration, command, control_interval)
         self.grid = observations.check_grid(GRID[dim] if grid is None else grid, dim)
         self.weights = _all_weights(weights)
-        self.variation, self.jitter = variation, jitter
+        self.variation, self.jitter, self.depth = variation, jitter, depth
         self.spacing = HEIGHT / resolution
         self.reference_speed = 2.0 * math.sqrt(GRAVITY * HEIGHT)
         self.zone = ((0.0,) * dim, (ZONE_WIDTH, *BOX[dim][1:-1], ZONE_HEIGHT))
@@ -125,7 +130,9 @@ class DamBreakContain(Task):
         """Particles along each axis of a column that is so many times as wide and as high as the nominal one."""
         wide = max(1, round(width * WIDTH / self.spacing))
         high = round((width if height is None else height) * HEIGHT / self.spacing)
-        return (*[wide] * (self.dim - 1), high)
+        if self.dim == 2:
+            return wide, high
+        return wide, max(1, round(self.depth * BOX[3][1] / self.spacing)), high
 
     def attach(self, solver: Solver) -> None:
         """Take the worlds, and lay out the coarse grid and the marks."""
@@ -232,7 +239,7 @@ class DamBreakContain(Task):
         }
 
 
-def close_in(info: Mapping[str, Any], target: float = 1.0, gain: float = 4.0) -> np.ndarray:
+def close_in(info: Mapping[str, Any], target: float = ZONE_WIDTH, gain: float = 4.0) -> np.ndarray:
     """A simple controller for command="velocity": push the wall to the edge of the zone and hold it there.
 
     Args:
