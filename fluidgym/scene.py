@@ -131,18 +131,24 @@ class Fluid:
     Attributes:
         shape: Where it is: a Box, a Ball or a Region.
         velocity: One velocity [m/s] (dim,), or a function of points (n, dim) [m] -> (n, dim); None is at rest.
-        pressure: "hydrostatic" balances gravity below the top of the shape, "none" starts at zero, and a function
-            gives it at points (n, dim) [m] -> (n,) [Pa].
+        pressure: "hydrostatic" balances gravity below the top of the shape; "released" is that of a dam just gone: a
+            Box on the floor, held by a wall at its lower x and free at its upper x and on top; "none" starts at zero;
+            a function gives it at points (n, dim) [m] -> (n,) [Pa].
     """
 
     shape: Shape
     velocity: Point | PointFunction | None = None
-    pressure: Literal["hydrostatic", "none"] | PointFunction = "none"
+    pressure: Literal["hydrostatic", "released", "none"] | PointFunction = "none"
 
     def __post_init__(self) -> None:
-        if not callable(self.pressure) and self.pressure not in ("hydrostatic", "none"):
+        if not callable(self.pressure) and self.pressure not in ("hydrostatic", "released", "none"):
             raise ValueError(
-                f"Fluid.pressure = {self.pressure!r} is unknown; use 'hydrostatic', 'none' or a function of points"
+                f"Fluid.pressure = {self.pressure!r} is unknown;"
+                " use 'hydrostatic', 'released', 'none' or a function of points"
+            )
+        if self.pressure == "released" and not isinstance(self.shape, Box):
+            raise ValueError(
+                f"Fluid.pressure = 'released' is for a Box, not a {type(self.shape).__name__}; use 'hydrostatic'"
             )
 
 
@@ -324,6 +330,11 @@ class Scene:
         g = np.asarray(self.gravity)
         if body.pressure == "none" or not len(points) or not g.any():
             return np.zeros(len(points))
+        if body.pressure == "released":
+            low, high = body.shape.bounds()
+            place = (points - low)[:, [0, -1]]
+            pull = self.material.density * float(np.linalg.norm(g))
+            return pull * released_head(place, high[0] - low[0], high[-1] - low[-1])
         # A plane of zero pressure half a spacing above the highest particle of the body.
         head = points @ g
         top = head.min() - 0.5 * self.particle_spacing * float(np.abs(g).max())
@@ -371,11 +382,18 @@ class Scene:
     def _check_fluid(self, body: Fluid) -> None:
         low, high = body.shape.bounds()
         if len(low) != self.dim or len(high) != self.dim:
-            raise ValueError(f"Scene.fluid shape has {len(low)} components, limit {self.dim}; match Scene.lower")
+            raise ValueError(
+                f"Scene.fluid shape has {len(low)} and {len(high)} components, limit {self.dim}; match Scene.lower"
+            )
+        if not (np.isfinite([low, high]).all() and (low < high).all()):
+            raise ValueError(
+                f"Scene.fluid spans {tuple(map(float, low))} to {tuple(map(float, high))} m;"
+                " give finite corners that rise, or a positive radius"
+            )
         extent_names = {2: ("width", "height"), 3: ("width", "depth", "height")}[self.dim]
         for axis in range(self.dim):
             extent = high[axis] - low[axis]
-            if self.particle_spacing > extent:
+            if self.particle_spacing > extent * (1 + 1e-6):
                 raise ValueError(
                     f"Scene.particle_spacing = {self.particle_spacing:g} m exceeds the fluid {extent_names[axis]}"
                     f" {extent:g} m; use {extent / 4:.2g} m or less"
@@ -391,6 +409,26 @@ class Scene:
                 f"Scene.fluid has a body with no lattice point at Scene.particle_spacing ="
                 f" {self.particle_spacing:g} m; use a smaller spacing or a larger body"
             )
+
+
+def released_head(points: np.ndarray, width: float, height: float) -> np.ndarray:
+    """Pressure over rho g [m] in a column of water at the instant after the dam is gone.
+
+    The hydrostatic pressure of the instant before pushes on nothing where the dam was. What is left solves Laplace's
+    equation with no pressure on top and at x = width, no slope at the wall x = 0, and dp/dy = -rho g at the floor;
+    by separation of variables.
+
+    Args:
+        points: Places x, y from the column's corner at wall and floor [m], (n, 2).
+        width: Of the column [m].
+        height: Of the column [m].
+    """
+    order = np.arange(256)
+    k = (order + 0.5) * math.pi / width
+    amplitude = 2.0 * (-1.0) ** order / (width * k**2)
+    x, y = points[:, :1], points[:, 1:]
+    decay = (np.exp(-k * y) - np.exp(-k * (2.0 * height - y))) / (1.0 + np.exp(-2.0 * k * height))
+    return (np.cos(k * x) * decay) @ amplitude
 
 
 def _point(name: str, value: Sequence[float]) -> Point:

@@ -19,6 +19,9 @@ from fluidgym.state import Faces, ParticleArrays, State
 # How far a pair may approach in half a step, over h, and still be seen in the second sweep.
 SKIN = 0.1
 
+# Launches are captured once and replayed, for this many steps at most.
+STEPS_PER_GRAPH = 64
+
 
 def find_device(name: str | None) -> wp.Device:
     """The Warp device of that name; None takes the first CUDA device, or the CPU where there is none.
@@ -221,11 +224,11 @@ class Solver:
         """Put every start in cell order and find its accelerations, as a step of no time does."""
         start, faces = self.state.start, self.state.faces_start
         start.acceleration.zero_()
+        self._gravity.assign(np.tile(np.asarray(self.scene.gravity, np.float32), (self.num_worlds, 1)))
         self._sort(start, faces, self._constants_at_rest)
         # The density goes to scratch: a start is primed again whenever another world gets a new one.
         self._sweep(start, faces, faces, self._constants_at_rest, density_out=self.state.reduced_pressure)
         start.density_error.assign(self.state.sorted.density_error)
-        self.state.clamped.zero_()
 
     def reset(self, mask: np.ndarray | None = None) -> None:
         """Put worlds back to their start.
@@ -249,7 +252,7 @@ class Solver:
         """Go on by a duration [s], in equal steps no longer than `max_step`."""
         if not (math.isfinite(duration) and duration > 0.0):
             raise ValueError(f"Solver.advance duration = {duration} s must be positive and finite")
-        n = math.ceil(duration / self.max_step - 1e-9)
+        n = max(1, math.ceil(duration / self.max_step - 1e-9))
         self.step(n, duration / n)
 
     def step(self, n: int = 1, dt: float | None = None) -> None:
@@ -267,8 +270,11 @@ class Solver:
         self._gravity.assign(self.gravity)
         if self._moving:
             self._face_target.assign(self.face_velocity)
+            faces = self.state.faces
+            wp.launch(aim_faces, faces.position.shape, [n * dt, self._face_target, faces], device=self.device)
         with wp.ScopedDevice(self.device):
-            wp.capture_launch(self._graph(n))
+            for first in range(0, n, STEPS_PER_GRAPH):
+                wp.capture_launch(self._graph(min(STEPS_PER_GRAPH, n - first)))
         self.time += n * dt
 
     def _graph(self, n: int) -> Any:
@@ -285,13 +291,10 @@ class Solver:
     def _launch(self, n: int) -> None:
         state = self.state
         middle = state.faces_middle if self._moving else state.faces
-        if self._moving:
-            shape = state.faces.position.shape
-            wp.launch(aim_faces, shape, [n, self._constants, self._face_target, state.faces], device=self.device)
         for _ in range(n):
             if self._moving:
                 inputs = [self._constants, self._travel, middle, state.faces]
-                wp.launch(advance_faces, shape, inputs, device=self.device)
+                wp.launch(advance_faces, state.faces.position.shape, inputs, device=self.device)
             self._sort(state.now, middle, self._constants)
             self._sweep(state.now, middle, state.faces, self._constants, density_out=state.now.density_error)
 

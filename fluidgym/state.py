@@ -9,7 +9,6 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
-
 # The pair loop reads whole blocks of slots and may look, without counting, this far past the last one.
 PADDING = 16
 
@@ -95,7 +94,7 @@ class State:
         faces: The faces at the end of a step.
         faces_middle: The faces at the middle of a step.
         faces_start: What a reset copies back.
-        clamped: How often the safety net at walls was used, (world,).
+        clamped: How often the safety net at walls was used since the reset, (world,).
     """
 
     def __init__(self, dim: int, num_worlds: int, capacity: int, device: wp.Device):
@@ -123,6 +122,8 @@ class State:
             flat = source.reshape((source.size,))
             copy_worlds(chosen, columns, flat, getattr(self.faces, name).reshape((source.size,)))
             copy_worlds(chosen, columns, flat, getattr(self.faces_middle, name).reshape((source.size,)))
+        clamped = self.clamped.numpy()
+        self.clamped.assign(np.where(mask, 0, clamped))
 
     def snapshot(self) -> dict[str, np.ndarray]:
         """The present of all worlds as NumPy arrays: all that a later step depends on."""

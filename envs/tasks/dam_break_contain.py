@@ -256,7 +256,7 @@ def close_in(info: Mapping[str, Any], target: float = ZONE_WIDTH, gain: float = 
 
 @lru_cache
 def _column(dim: int, spacing: float, particles: tuple[int, ...]) -> Particles:
-    """A column at rest on the lattice, under hydrostatic pressure."""
+    """A column at rest on the lattice, its dam just gone."""
     return _scene(dim, spacing, particles).sample()
 
 
@@ -267,7 +267,7 @@ def _scene(dim: int, spacing: float, particles: tuple[int, ...]) -> Scene:
         lower=(0.0,) * dim,
         upper=BOX[dim],
         particle_spacing=spacing,
-        fluid=[Fluid(Box((0.0,) * dim, corner), pressure="hydrostatic")],
+        fluid=[Fluid(Box((0.0,) * dim, corner), pressure="released")],
         faces={WALL: Face(moving=True, travel=TRAVEL)},
         gravity=GRAVITY,
     )

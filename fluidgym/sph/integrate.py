@@ -30,10 +30,9 @@ SPRAY_COMPANY = 0.05
 
 
 @wp.kernel(module="fluidgym.integrate", enable_backward=False)
-def aim_faces(n: int, constants: wp.array[Constants], target: wp.array2d[float], faces: Faces):
-    """Set the accelerations that bring the faces to their target velocities in n steps."""
+def aim_faces(duration: float, target: wp.array2d[float], faces: Faces):
+    """Set the accelerations that bring the faces to their target velocities in a duration [s]."""
     world, face = wp.tid()
-    duration = float(n) * constants[world].dt
     faces.acceleration[world, face] = (target[world, face] - faces.velocity[world, face]) / duration
 
 
@@ -197,7 +196,7 @@ def make_advance_density(
         for k in range(wp.static(dim)):
             position_out[k, i] = x[k]
         density_error_out[i] = s
-        reduced_pressure[i] = pressure(s, c) / ((1.0 + s) * (1.0 + s))
+        reduced_pressure[i] = pressure(s, c)
 
     return advance_density
 

@@ -7,6 +7,7 @@ twin does the same sum; the tests hold one against the other.
 
 Both sweeps share the loop. A query is a place X [m], a velocity U [m/s] and a field value a; each neighbour j meets it
 with x = X - x_j, u = U - u_j and a_j + offset + tilt . x, the affine part being what a mirror image adds to the field.
+In a force that part may not take a pressure below zero: a ceiling does not hold drops.
 """
 
 from functools import lru_cache
@@ -90,11 +91,12 @@ def _snippet(dim: int, term: wp.Function, slope: wp.Function, force: bool, tilte
     lines.append(_ROWS)
     lines += [f"const float x{k} = X{k} - px{k}[j], u{k} = U{k} - pu{k}[j];" for k in axes]
     products = [f"S{k} * x{k} * u{k}" if signed else f"x{k} * u{k}" for k in axes]
-    affine = [f" + T{k} * x{k}" for k in axes] if tilted else []
+    affine = "".join(["pa[j] + offset", *(f" + T{k} * x{k}" for k in axes)])
+    field = "pa[j]" if not tilted else f"wp::max({affine}, wp::min(pa[j], 0.0f))" if force else affine
     lines += [
         "const float r2 = " + " + ".join(f"x{k} * x{k}" for k in axes) + ";",
         "const float xu = " + " + ".join(products) + ";",
-        "const float a_j = pa[j]" + "".join([" + offset", *affine] if tilted else []) + ";",
+        f"const float a_j = {field};",
         "const float r = sqrtf(r2);",
         f"const float w = {slope.native_func}(r, c);",
         f"const float f = {term.native_func}(r, xu, w, a, a_j, c);",
@@ -203,6 +205,7 @@ def _plain_loop(
                         x = vec()
                         xu = float(0.0)
                         a_j = field[j]
+                        lowest = wp.min(a_j, 0.0)
                         if wp.static(tilted):
                             a_j += offset
                         for k in range(wp.static(dim)):
@@ -213,6 +216,8 @@ def _plain_loop(
                             xu += x[k] * u_k
                             if wp.static(tilted):
                                 a_j += tilt[k] * x[k]
+                        if wp.static(force and tilted):
+                            a_j = wp.max(a_j, lowest)
                         r = wp.length(x)
                         w = slope(r, c)
                         f = term(r, xu, w, a, a_j, c)

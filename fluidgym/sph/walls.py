@@ -32,8 +32,8 @@ def make_images(dim: int, kinds: tuple[str, ...], no_slip: tuple[bool, ...]) -> 
 
     Returns:
         A namespace of Query (a struct), near (which faces are in reach), count (how many queries that makes),
-        query (the n-th of them), cushion and keep_inside (the safety net at walls), wrap (periodic faces) and has_left (open
-        ones).
+        query (the n-th of them), cushion and keep_inside (the safety net at walls), wrap (periodic faces) and
+        has_left (open ones).
     """
     vec = wp.types.vector(dim, wp.float32)
     flags = wp.types.vector(dim, wp.int32)

@@ -1,0 +1,156 @@
+"""The command line: `fluidgym`, or `python -m fluidgym`."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+from tqdm import tqdm
+
+MISSED, REFUSED, INTERRUPTED = 1, 2, 130  # exit statuses
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; None reads the arguments of the process.
+
+    Returns:
+        The exit status.
+    """
+    parser = argparse.ArgumentParser(prog="fluidgym", description="A fluid simulator that trains controllers.")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    _add_validate(commands)
+    _add_benchmark(commands)
+    chosen = parser.parse_args(arguments)
+    return chosen.run(chosen)
+
+
+def _add_validate(commands: argparse._SubParsersAction) -> None:
+    parser = commands.add_parser(
+        "validate",
+        help="measure the simulator against flows with a known answer",
+        description="Run validation cases and print their errors. Without a name, all of them.",
+    )
+    parser.add_argument("cases", nargs="*", metavar="CASE", help="name of a case, such as dam-break")
+    parser.add_argument("--resolutions", nargs="+", type=int, metavar="N", help="particles along the case's length")
+    parser.add_argument("--dim", type=int, choices=(2, 3), help="only the variants of this dimension")
+    parser.add_argument("--device", help="cpu, cuda, cuda:1, ...; a GPU where there is one if not given")
+    parser.add_argument("--full", action="store_true", help="run each case for as long as it has something to measure")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the results to this file as well")
+    parser.add_argument("--strict", action="store_true", help="exit with status 1 when a target is missed")
+    parser.set_defaults(run=validate)
+
+
+def validate(chosen: argparse.Namespace) -> int:
+    """Run validation cases: a line of the table for each error as it is known, and the JSON file kept up with it."""
+    # Imported here so that help and other commands do not wait for it.
+    from fluidgym.solver import find_device
+    from fluidgym.validation import CASES, observed_order, run
+    from fluidgym.validation.report import TABLE_HEAD, as_json, table_lines, write_json
+
+    unknown = [name for name in chosen.cases if name not in CASES]
+    if unknown:
+        return _refuse(f"unknown case {', '.join(unknown)}; known are {', '.join(CASES)}")
+    cases = [CASES[name] for name in dict.fromkeys(chosen.cases or CASES)]
+    plan = [
+        (case, resolution, dim)
+        for case in cases
+        for dim in ((chosen.dim,) if chosen.dim else case.resolutions)
+        if dim in case.resolutions
+        for resolution in sorted(set(chosen.resolutions or case.resolutions[dim]))
+    ]
+    if not plan:
+        return _refuse(f"none of these cases has a {chosen.dim}D variant: {', '.join(case.name for case in cases)}")
+    if min(resolution for _, resolution, _ in plan) < 4:
+        return _refuse("--resolutions must be 4 or more particles along the case's length")
+    if chosen.json and not chosen.json.absolute().parent.is_dir():
+        return _refuse(f"--json {chosen.json}: there is no such folder; make it, or name a file in another")
+    try:
+        device = str(find_device(chosen.device))
+    except ValueError as error:
+        return _refuse(str(error))
+
+    print(TABLE_HEAD, flush=True)
+    results, objects, interrupted = [], [], False
+    try:
+        for case, resolution, dim in plan:
+            end = float(case.times[-1]) if chosen.full else case.end
+            bar_format = "{desc} {percentage:3.0f}%|{bar}| {n:.2f}/{total:.2f} s simulated [{elapsed}<{remaining}]"
+            label = f"{case.name} {dim}D 1/{resolution}"
+            with tqdm(total=end, desc=label, bar_format=bar_format, leave=False, disable=None) as bar:
+                result = run(case, resolution, dim, device, end=end, progress=bar.update)
+            coarser = [other for other in results if (other.case, other.dim) == (case.name, dim)]
+            order = observed_order(coarser[-1], result) if coarser else {}
+            results.append(result)
+            objects.append(as_json(result, order))
+            if chosen.json:
+                write_json(chosen.json, objects)
+            print("\n".join(table_lines(result, order)), flush=True)
+    except KeyboardInterrupt:
+        interrupted = True
+    if chosen.json:
+        write_json(chosen.json, objects)
+    verdicts = [result.passed for result in results]
+    summary = f"{verdicts.count(True)} passed, {verdicts.count(False)} missed, {verdicts.count(None)} without a target"
+    spent = sum(result.setup_s for result in results)
+    print(f"\n{summary}; compiling and setting up took {spent:.1f} s, not counted above")
+    if interrupted:
+        print(f"interrupted after {len(results)} of {len(plan)} runs", file=sys.stderr)
+        return INTERRUPTED
+    return MISSED if chosen.strict and False in verdicts else 0
+
+
+def _add_benchmark(commands: argparse._SubParsersAction) -> None:
+    parser = commands.add_parser(
+        "benchmark",
+        help="time the simulator, its error beside it",
+        description="Time a falling column of water at several sizes, and print the error of the same scheme.",
+    )
+    parser.add_argument("--dim", type=int, choices=(2, 3), help="only this dimension")
+    parser.add_argument("--particles", nargs="+", type=int, default=[2000, 10000, 50000], metavar="N")
+    parser.add_argument("--worlds", nargs="+", type=int, default=[1], metavar="N", help="worlds in a batch")
+    parser.add_argument("--device", help="cpu, cuda, cuda:1, ...; a GPU where there is one if not given")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the results to this file as well")
+    parser.set_defaults(run=benchmark)
+
+
+def benchmark(chosen: argparse.Namespace) -> int:
+    """Time the falling column, and run the dam break of the validation suite for the error beside it."""
+    from fluidgym.benchmark import SPEED_HEAD, STRETCHES, machine, measure_speed, speed_line
+    from fluidgym.solver import find_device
+    from fluidgym.validation import CASES, run
+    from fluidgym.validation.report import as_json, write_json
+
+    if min(*chosen.particles, *chosen.worlds, 1) < 1:
+        return _refuse("--particles and --worlds must be 1 or more")
+    try:
+        device = str(find_device(chosen.device))
+    except ValueError as error:
+        return _refuse(str(error))
+    facts = machine(device)
+    print(", ".join(f"{name} {value}" for name, value in facts.items()), SPEED_HEAD, sep="\n", flush=True)
+    speeds = []
+    for dim in (chosen.dim,) if chosen.dim else (2, 3):
+        for worlds in chosen.worlds:
+            for particles in chosen.particles:
+                label = f"{dim}D, {worlds} x {particles}"
+                with tqdm(total=STRETCHES + 1, desc=label, leave=False, disable=None) as bar:
+                    speed = measure_speed(dim, particles, worlds, device, progress=bar.update)
+                speeds.append(speed)
+                print(speed_line(speed), flush=True)
+    result = run(CASES["dam-break"], 40, 2, device)
+    print(f"front error of the same scheme, dam-break at H/40: {result.errors['front']:.2%} in {result.wall_s:.2f} s")
+    if chosen.json:
+        write_json(chosen.json, [{"machine": facts}, *(asdict(speed) for speed in speeds), as_json(result, {})])
+    return 0
+
+
+def _refuse(reason: str) -> int:
+    print(f"fluidgym: {reason}", file=sys.stderr)
+    return REFUSED
+
+
+if __name__ == "__main__":
+    sys.exit(main())

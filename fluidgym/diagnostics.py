@@ -1,0 +1,213 @@
+"""What a world amounts to: mass, energy, momentum, front, density error, pressure at a place. NumPy, on demand.
+
+The functions take a start of the fluid or a present one, as `Particles`, and the scene they belong to. `measure` reads
+one world of a solver and returns all of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from fluidgym.scene import Particles, Scene, face_names
+from fluidgym.scheme import DEFAULT_SCHEME, Scheme
+from fluidgym.solver import Solver
+
+# Nodes and weights on [-1, 1] of the quadrature for elastic energy; exact to rounding for any smooth state equation.
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """One world at one instant. In two dimensions everything extensive is per metre of depth.
+
+    Attributes:
+        time: Since the reset [s].
+        particles: Number of particles in the box.
+        retired: Number of particles that left through open faces.
+        mass: [kg].
+        kinetic_energy: [J].
+        potential_energy: Zero at the origin [J].
+        elastic_energy: Of compression [J].
+        momentum: [kg m/s], (dim,).
+        center_of_mass: [m], (dim,).
+        second_moments: Mean of (x - center)(x - center)^T [m2], (dim, dim).
+        front: Largest x plus half a spacing [m].
+        rms_speed: [m/s].
+        largest_speed: [m/s].
+        largest_density_error: Largest |rho/rho_0 - 1|.
+        rms_density_error: Root mean square of rho/rho_0 - 1.
+    """
+
+    time: float
+    particles: int
+    retired: int
+    mass: float
+    kinetic_energy: float
+    potential_energy: float
+    elastic_energy: float
+    momentum: np.ndarray
+    center_of_mass: np.ndarray
+    second_moments: np.ndarray
+    front: float
+    rms_speed: float
+    largest_speed: float
+    largest_density_error: float
+    rms_density_error: float
+
+    @property
+    def energy(self) -> float:
+        """Kinetic, potential and elastic energy together [J]."""
+        return self.kinetic_energy + self.potential_energy + self.elastic_energy
+
+
+def measure(solver: Solver, world: int = 0) -> Measurement:
+    """Read one world of a solver.
+
+    Raises:
+        IndexError: There is no such world.
+    """
+    particles, scene = solver.particles(world), solver.scene
+    return Measurement(
+        time=float(solver.time[world]),
+        particles=len(particles),
+        retired=retired_particles(solver, world),
+        mass=mass(particles, scene),
+        kinetic_energy=kinetic_energy(particles, scene),
+        potential_energy=potential_energy(particles, scene, solver.gravity[world]),
+        elastic_energy=elastic_energy(particles, scene, solver.scheme),
+        momentum=momentum(particles, scene),
+        center_of_mass=center_of_mass(particles),
+        second_moments=second_moments(particles),
+        front=front(particles, scene),
+        rms_speed=rms_speed(particles),
+        largest_speed=largest_speed(particles),
+        largest_density_error=float(np.abs(density_error(particles, scene)).max(initial=0.0)),
+        rms_density_error=_rms(density_error(particles, scene)),
+    )
+
+
+def mass(particles: Particles, scene: Scene) -> float:
+    """Mass of the fluid [kg]."""
+    return len(particles) * scene.particle_mass
+
+
+def kinetic_energy(particles: Particles, scene: Scene) -> float:
+    """Kinetic energy [J]."""
+    return 0.5 * scene.particle_mass * float((particles.velocity.astype(float) ** 2).sum())
+
+
+def potential_energy(particles: Particles, scene: Scene, gravity: Sequence[float] | np.ndarray | None = None) -> float:
+    """Energy in the field of gravity [J], zero at the origin; gravity [m/s2] (dim,), None is the scene's."""
+    g = np.asarray(scene.gravity if gravity is None else gravity, float)
+    return -scene.particle_mass * float((particles.position.astype(float) @ g).sum())
+
+
+def elastic_energy(particles: Particles, scene: Scene, scheme: Scheme = DEFAULT_SCHEME) -> float:
+    """Energy of compression [J]: the integral of p over s, from rest, for each rest volume.
+
+    It is just what the pressure force of the scheme takes from the kinetic energy, for any state equation; for the
+    linear one it is m c_0^2 s^2 / 2.
+    """
+    s = density_error(particles, scene)[:, None]
+    share = 0.5 * s * (1.0 + _NODES)
+    pressure = scheme.state_equation.pressure_of(share, scheme.gamma)
+    integral = (0.5 * s * pressure) @ _WEIGHTS
+    return scene.particle_mass * scene.sound_speed**2 * float(integral.sum())
+
+
+def momentum(particles: Particles, scene: Scene) -> np.ndarray:
+    """Momentum [kg m/s], (dim,)."""
+    return scene.particle_mass * particles.velocity.astype(float).sum(axis=0)
+
+
+def center_of_mass(particles: Particles) -> np.ndarray:
+    """Centre of mass [m], (dim,); nan without particles."""
+    if not len(particles):
+        return np.full(particles.position.shape[1], np.nan)
+    return particles.position.astype(float).mean(axis=0)
+
+
+def second_moments(particles: Particles) -> np.ndarray:
+    """Mean of (x - center)(x - center)^T [m2], (dim, dim); nan without particles."""
+    dim = particles.position.shape[1]
+    if not len(particles):
+        return np.full((dim, dim), np.nan)
+    offset = particles.position - center_of_mass(particles)
+    return offset.T @ offset / len(particles)
+
+
+def front(particles: Particles, scene: Scene) -> float:
+    """How far the fluid reaches along x [m]: the largest x plus half a spacing; nan without particles."""
+    if not len(particles):
+        return float("nan")
+    return float(particles.position[:, 0].max()) + 0.5 * scene.particle_spacing
+
+
+def rms_speed(particles: Particles) -> float:
+    """Root mean square of the speed [m/s]."""
+    return _rms(np.linalg.norm(particles.velocity.astype(float), axis=1))
+
+
+def largest_speed(particles: Particles) -> float:
+    """Largest speed [m/s]."""
+    return float(np.linalg.norm(particles.velocity.astype(float), axis=1).max(initial=0.0))
+
+
+def density_error(particles: Particles, scene: Scene) -> np.ndarray:
+    """rho/rho_0 - 1 of each particle, (particle,)."""
+    return particles.density / scene.material.density - 1.0
+
+
+def retired_particles(solver: Solver, world: int = 0) -> int:
+    """How many particles of a world have left through open faces since its reset."""
+    slots = slice(world * solver.capacity, (world + 1) * solver.capacity)
+    at_start = int((solver.state.start.identity.numpy()[slots] >= 0).sum())
+    return at_start - int((solver.state.now.identity.numpy()[slots] >= 0).sum())
+
+
+def pressure_at(solver: Solver, points: np.ndarray, world: int = 0) -> np.ndarray:
+    """Pressure at places [Pa], (n,): the mean of the particles near by and their images, weighed by the kernel.
+
+    The weights are those of Wendland C2 with the scheme's smoothing length, made to add up to one (Shepard 1968).
+    Behind a wall lie the mirror images that the solver sees, with the pressure of gravity carried on through the wall;
+    a place that no particle reaches has no pressure.
+
+    Args:
+        solver: The solver.
+        points: Places [m], (n, dim).
+        world: Number of the world.
+    """
+    particles, scene = solver.particles(world), solver.scene
+    h = solver.scheme.smoothing_length(scene.particle_spacing, scene.dim)
+    points = np.asarray(points, float)
+    near = np.all(
+        (particles.position > points.min(axis=0) - 2 * h) & (particles.position < points.max(axis=0) + 2 * h), axis=1
+    )
+    position, pressure = particles.position[near].astype(float), particles.pressure[near]
+    names = face_names(scene.dim)
+    for axis, side in product(range(scene.dim), range(2)):
+        name = names[2 * axis + side]
+        if scene.faces[name].kind != "wall":
+            continue
+        face = 2 * axis + side
+        wall = solver.face_position(name)[world]
+        pull = solver.gravity[world, axis] - solver.state.faces.acceleration.numpy()[world, face]
+        by_wall = np.abs(position[:, axis] - wall) < 2 * h
+        image = position[by_wall].copy()
+        image[:, axis] = 2 * wall - image[:, axis]
+        change = scene.material.density * pull * (image[:, axis] - position[by_wall, axis])
+        position = np.concatenate([position, image])
+        pressure = np.concatenate([pressure, pressure[by_wall] + change])
+    distance = np.linalg.norm(points[:, None] - position[None], axis=2)
+    t = np.maximum(1.0 - distance / (2 * h), 0.0)
+    weight = t**4 * (5.0 - 4.0 * t)
+    total = weight.sum(axis=1)
+    return weight @ pressure / np.where(total > 0.0, total, 1.0)
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0

@@ -1,0 +1,203 @@
+"""What a validation case is, and how one is run."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from fluidgym.scene import Scene
+from fluidgym.scheme import DEFAULT_SCHEME, Scheme
+from fluidgym.solver import Solver
+
+Limits = Mapping[str, float]
+Records = dict[str, np.ndarray]
+
+# Steps handed to the solver at once: long enough that handing over costs nothing, short enough for a live progress bar.
+STEPS_AT_ONCE = 16
+
+
+@dataclass(frozen=True)
+class Case:
+    """A flow whose answer is known, how far a run is from that answer, and how far it may be.
+
+    Attributes:
+        name: On the command line.
+        title: One line for people.
+        resolutions: Resolutions to run by default for each dimension the case exists in; what a resolution counts is
+            the case's to say.
+        scene: (resolution, dim) -> Scene.
+        times: Instants at which the flow is observed [s], rising.
+        end: When a run ends unless asked for all of `times` [s].
+        observe: Solver -> what to keep of an instant, by name; 0 is before the first step.
+        errors: (times [s] (n,), records (n, ...) by name, scene) -> errors by name.
+        target: Limits that a run must keep, {resolution: {error: limit}}, each from that resolution on.
+        goal: Limits to strive for, likewise.
+        scheme: How it is simulated.
+    """
+
+    name: str
+    title: str
+    resolutions: Mapping[int, tuple[int, ...]]
+    scene: Callable[[int, int], Scene]
+    times: np.ndarray
+    end: float
+    observe: Callable[[Solver], dict[str, Any]]
+    errors: Callable[[np.ndarray, Records, Scene], dict[str, float]]
+    target: Mapping[int, Limits] = field(default_factory=dict)
+    goal: Mapping[int, Limits] = field(default_factory=dict)
+    scheme: Scheme = DEFAULT_SCHEME
+
+
+@dataclass(frozen=True)
+class Result:
+    """A case that was run.
+
+    Attributes:
+        case: Name of the case.
+        resolution: As the case counts it.
+        dim: Number of dimensions.
+        particles: Number of particles at the start.
+        steps: Number of time steps.
+        wall_s: Time of the steps alone [s].
+        setup_s: Time to make the solver, compile its kernels and run the first of them [s].
+        device: Name of the Warp device.
+        errors: By name; nan is a run that broke down.
+        target: Limits the run must keep, by name of the error; some errors have none.
+        goal: Limits to strive for.
+        times: Instants of the records [s], (n,).
+        records: What was observed, by name, (n, ...).
+    """
+
+    case: str
+    resolution: int
+    dim: int
+    particles: int
+    steps: int
+    wall_s: float
+    setup_s: float
+    device: str
+    errors: dict[str, float]
+    target: dict[str, float]
+    goal: dict[str, float]
+    times: np.ndarray = field(repr=False)
+    records: Records = field(repr=False)
+
+    @property
+    def passed(self) -> bool | None:
+        """Whether every error with a target keeps it; None where there is no target at this resolution."""
+        verdicts = [self.keeps(name, self.target) for name in self.target]
+        return all(verdicts) if verdicts else None
+
+    def keeps(self, error: str, limits: Limits) -> bool | None:
+        """Whether an error keeps the limit of its name; None where there is none."""
+        if error not in limits:
+            return None
+        return abs(self.errors.get(error, math.nan)) <= limits[error]
+
+
+def run(
+    case: Case,
+    resolution: int,
+    dim: int = 2,
+    device: str | None = None,
+    end: float | None = None,
+    scheme: Scheme | None = None,
+    progress: Callable[[float], object] = lambda duration: None,
+) -> Result:
+    """Run a case.
+
+    Args:
+        case: The case.
+        resolution: As the case counts it.
+        dim: 2 or 3.
+        device: Warp device; None takes a GPU where there is one.
+        end: Latest instant to observe [s]; None is the case's own end. Errors are those of the instants up to it.
+        scheme: In place of the case's own.
+        progress: Called with every further piece of simulated time [s].
+
+    Raises:
+        ValueError: The case does not exist in this dimension, or no instant is early enough.
+    """
+    if dim not in case.resolutions:
+        raise ValueError(f"{case.name} has no {dim}D variant; use dim = {' or '.join(map(str, case.resolutions))}")
+    end = case.end if end is None else end
+    times = case.times[case.times <= end * (1 + 1e-9)]
+    if not len(times):
+        raise ValueError(f"run end = {end:g} s is before the first instant of {case.name}; use {case.times[0]:g} s")
+    started = time.perf_counter()
+    scene = case.scene(resolution, dim)
+    solver = Solver(scene, scheme or case.scheme, device=device)
+    for n in (STEPS_AT_ONCE, 1):  # these two are captured once, and used from here on
+        solver.step(n)
+    solver.reset()
+    wp.synchronize_device(solver.device)
+    setup_s = time.perf_counter() - started
+
+    observed = [case.observe(solver)]
+    steps, wall_s = 0, 0.0
+    for last, now in zip([0.0, *times], times, strict=False):
+        taken, seconds = _go_on(solver, now - last, progress)
+        steps, wall_s = steps + taken, wall_s + seconds
+        observed.append(case.observe(solver))
+    times = np.concatenate([[0.0], times])
+    records = {name: np.array([instant[name] for instant in observed]) for name in observed[0]}
+    return Result(
+        case=case.name,
+        resolution=resolution,
+        dim=dim,
+        particles=len(scene.sample()),
+        steps=steps,
+        wall_s=wall_s,
+        setup_s=setup_s,
+        device=str(solver.device),
+        errors=case.errors(times, records, scene),
+        target=limits_at(resolution, case.target),
+        goal=limits_at(resolution, case.goal),
+        times=times,
+        records=records,
+    )
+
+
+def _go_on(solver: Solver, duration: float, progress: Callable[[float], object]) -> tuple[int, float]:
+    """Advance by a duration [s] in equal steps; return their number and how long they took [s]."""
+    steps = math.ceil(duration / solver.max_step - 1e-9)
+    dt = duration / steps
+    seconds = 0.0
+    full, rest = divmod(steps, STEPS_AT_ONCE)
+    for n in [STEPS_AT_ONCE] * full + [1] * rest:
+        started = time.perf_counter()
+        solver.step(n, dt)
+        wp.synchronize_device(solver.device)
+        seconds += time.perf_counter() - started
+        progress(n * dt)
+    return steps, seconds
+
+
+def limits_at(resolution: int, limits: Mapping[int, Limits]) -> dict[str, float]:
+    """The limits that hold at a resolution, by name of the error: those set at it or at a coarser one."""
+    merged: dict[str, float] = {}
+    for since in sorted(limits):
+        if since <= resolution:
+            merged.update(limits[since])
+    return merged
+
+
+def observed_order(coarse: Result, fine: Result) -> dict[str, float]:
+    """Order of convergence between two runs of a case, by name of the error; nan where an error is 0 or not finite."""
+    refinement = math.log(fine.resolution / coarse.resolution)
+    orders = {}
+    for name in fine.errors.keys() & coarse.errors.keys():
+        ratio = abs(coarse.errors[name]) / abs(fine.errors[name]) if fine.errors[name] else math.nan
+        orders[name] = math.log(ratio) / refinement if ratio > 0.0 and math.isfinite(ratio) else math.nan
+    return {name: orders[name] for name in fine.errors if name in orders}
+
+
+def rms(values: Sequence[float] | np.ndarray) -> float:
+    """Root mean square."""
+    return float(np.sqrt(np.mean(np.square(values))))

@@ -1,0 +1,153 @@
+"""What a world amounts to, against hand counts, exact integrals and conservation laws."""
+
+import numpy as np
+import pytest
+
+from fluidgym import diagnostics
+from fluidgym.scene import OPEN, Ball, Box, Fluid, Material, Particles, Scene
+from fluidgym.scheme import Scheme
+from fluidgym.solver import Solver
+from fluidgym.sph.state_equation import TAIT
+
+PAIR_SCENE = Scene(
+    (0.0, 0.0), (4.0, 4.0), 0.5, Fluid(Box((0.0, 0.0), (1.0, 1.0))), material=Material(800.0, sound_speed=20.0)
+)
+PAIR_MASS = 800.0 * 0.5**2
+
+
+def make_pair(s=(0.0, 0.0)) -> Particles:
+    """Two particles of PAIR_SCENE with density errors s."""
+    return Particles(
+        position=np.array([[1.0, 0.5], [3.0, 1.5]], np.float32),
+        velocity=np.array([[3.0, 4.0], [-1.0, 0.0]], np.float32),
+        density=800.0 * (1.0 + np.array(s)),
+        pressure=800.0 * 20.0**2 * np.array(s),
+        identity=np.arange(2),
+    )
+
+
+def still_water(gravity=9.81) -> Scene:
+    """A full tank of 0.5 m, hydrostatic."""
+    body = Fluid(Box((0.0, 0.0), (0.5, 0.5)), pressure="hydrostatic")
+    return Scene((0.0, 0.0), (0.5, 1.0), 0.025, body, gravity=gravity, reference_speed=2.2)
+
+
+def test_two_particles_are_measured_as_by_hand():
+    pair = make_pair()
+    assert diagnostics.mass(pair, PAIR_SCENE) == pytest.approx(2 * PAIR_MASS)
+    assert diagnostics.kinetic_energy(pair, PAIR_SCENE) == pytest.approx(0.5 * PAIR_MASS * 26.0)
+    assert diagnostics.potential_energy(pair, PAIR_SCENE) == pytest.approx(PAIR_MASS * 9.81 * 2.0)
+    assert diagnostics.potential_energy(pair, PAIR_SCENE, (-2.0, 0.0)) == pytest.approx(PAIR_MASS * 2.0 * 4.0)
+    assert diagnostics.momentum(pair, PAIR_SCENE) == pytest.approx(PAIR_MASS * np.array([2.0, 4.0]))
+    assert diagnostics.center_of_mass(pair) == pytest.approx([2.0, 1.0])
+    assert diagnostics.second_moments(pair) == pytest.approx(np.array([[1.0, 0.5], [0.5, 0.25]]))
+    assert diagnostics.front(pair, PAIR_SCENE) == pytest.approx(3.25)
+    assert diagnostics.rms_speed(pair) == pytest.approx(np.sqrt(13.0))
+    assert diagnostics.largest_speed(pair) == pytest.approx(5.0)
+
+
+@pytest.mark.parametrize("s", [(0.02, -0.01), (1e-5, 3e-6)])
+def test_elastic_energy_is_the_work_of_compression(s):
+    s = np.array(s)
+    linear = PAIR_MASS * 20.0**2 * np.sum(0.5 * s**2)
+    assert diagnostics.elastic_energy(make_pair(s), PAIR_SCENE) == pytest.approx(linear, rel=1e-5)
+    assert diagnostics.elastic_energy(make_pair(s), PAIR_SCENE) == pytest.approx(
+        PAIR_MASS * 20.0**2 * np.sum(s**2) / 2, rel=0.03
+    )
+    tait = PAIR_MASS * 20.0**2 / 7.0 * np.sum(((1 + s) ** 8 - 1) / 8 - s)
+    scheme = Scheme(state_equation=TAIT)
+    assert diagnostics.elastic_energy(make_pair(s), PAIR_SCENE, scheme) == pytest.approx(tait, rel=1e-5)
+
+
+def test_no_fluid_has_no_energy_and_no_place():
+    nothing = Particles(np.empty((0, 2)), np.empty((0, 2)), np.empty(0), np.empty(0), np.empty(0, int))
+    for energy in (diagnostics.kinetic_energy, diagnostics.potential_energy, diagnostics.elastic_energy):
+        assert energy(nothing, PAIR_SCENE) == 0.0
+    assert diagnostics.rms_speed(nothing) == diagnostics.largest_speed(nothing) == 0.0
+    assert np.isnan(diagnostics.front(nothing, PAIR_SCENE))
+    assert np.isnan(diagnostics.center_of_mass(nothing)).all()
+
+
+def test_second_moments_of_a_disc_are_a_quarter_of_its_radius_squared():
+    disc = Scene((-2.0, -2.0), (2.0, 2.0), 0.02, Fluid(Ball((0.0, 0.0), 1.0)), gravity=0.0, reference_speed=1.0)
+    moments = diagnostics.second_moments(disc.sample())
+    assert moments == pytest.approx(0.25 * np.eye(2), abs=1e-3)
+
+
+def test_an_elastic_drop_keeps_its_energy_and_momentum():
+    # Neither viscosity nor diffusion: what the kinetic energy gives up must lie in compression.
+    drop = Scene(
+        (-2.0, -3.0),
+        (2.0, 3.0),
+        0.1,
+        Fluid(Ball((0.0, 0.0), 1.0), velocity=lambda points: points * [-1.0, 1.0] + [0.3, 0.0]),
+        faces=dict.fromkeys(("x_min", "x_max", "y_min", "y_max"), OPEN),
+        gravity=0.0,
+        material=Material(sound_speed=10.0),
+    )
+    solver = Solver(drop, Scheme(artificial_viscosity=0.0, density_diffusion=0.0), device="cpu")
+    start = diagnostics.measure(solver)
+    least = start.kinetic_energy
+    for _ in range(20):
+        solver.advance(0.04)
+        now = diagnostics.measure(solver)
+        least = min(least, now.kinetic_energy)
+        assert now.energy == pytest.approx(start.energy, rel=2e-3)
+        assert now.momentum == pytest.approx(start.momentum, rel=1e-4, abs=1e-4 * start.momentum[0])
+    assert least < start.kinetic_energy * 0.998 - 1e-3 * start.energy  # energy did go to and fro
+
+
+def test_measure_reads_one_world_and_its_own_gravity():
+    solver = Solver(still_water(), num_worlds=2, device="cpu")
+    solver.gravity[1] = (0.0, -5.0)
+    first, second = diagnostics.measure(solver, 0), diagnostics.measure(solver, 1)
+    assert first.mass == second.mass == pytest.approx(250.0)
+    assert first.center_of_mass == pytest.approx([0.25, 0.25], abs=1e-6)
+    assert second.potential_energy / first.potential_energy == pytest.approx(5.0 / 9.81, rel=1e-6)
+    # Under less gravity the compressed column of world 1 springs up, that of world 0 stays.
+    solver.advance(0.02)
+    first, second = diagnostics.measure(solver, 0), diagnostics.measure(solver, 1)
+    assert second.momentum[1] > 20 * abs(first.momentum[1])
+    assert first.time == second.time == pytest.approx(0.02)
+
+
+def test_density_errors_of_a_still_column_are_those_of_its_weight():
+    solver = Solver(still_water(), device="cpu")
+    found = diagnostics.measure(solver)
+    at_bottom = 9.81 * 0.5 / 22.0**2
+    assert found.largest_density_error == pytest.approx(at_bottom * (1 - 0.025), rel=1e-4)
+    assert found.rms_density_error == pytest.approx(at_bottom / np.sqrt(3), rel=2e-3)
+
+
+def test_particles_that_leave_are_counted():
+    flying = Scene(
+        (0.0, 0.0),
+        (1.0, 1.0),
+        0.1,
+        Fluid(Box((0.0, 0.0), (1.0, 1.0)), velocity=(1.0, 0.0)),
+        faces={"x_max": OPEN},
+        gravity=0.0,
+    )
+    solver = Solver(flying, num_worlds=2, device="cpu")
+    assert diagnostics.retired_particles(solver) == 0
+    solver.advance(0.4)
+    found = diagnostics.measure(solver)
+    assert 30 <= found.retired <= 50
+    assert found.particles == 100 - found.retired
+    assert found.mass == pytest.approx(10.0 * found.particles)
+    solver.reset(np.array([True, False]))
+    assert diagnostics.retired_particles(solver, 0) == 0
+    assert diagnostics.retired_particles(solver, 1) == found.retired
+
+
+@pytest.mark.parametrize("height", [0.0, 0.01, 0.2, 0.4])
+def test_pressure_at_a_place_is_hydrostatic_up_to_the_walls(height):
+    solver = Solver(still_water(), device="cpu")
+    places = np.array([[0.0, height], [0.25, height], [0.5, height]])
+    expected = 1000 * 9.81 * (0.5 - height)
+    assert diagnostics.pressure_at(solver, places) == pytest.approx(expected, rel=5e-3)
+
+
+def test_there_is_no_pressure_in_the_air():
+    solver = Solver(still_water(), device="cpu")
+    assert diagnostics.pressure_at(solver, np.array([[0.25, 0.9]])) == 0.0
