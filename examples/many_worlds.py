@@ -25,7 +25,7 @@ def main() -> None:
     returns = np.zeros(arguments.worlds)
     begin = time.perf_counter()
     for _ in trange(arguments.steps, desc="many worlds", unit="step"):
-        observation, reward, terminated, truncated, info = envs.step(envs.action_space.sample())
+        observation, reward, _, _, _ = envs.step(envs.action_space.sample())
         returns += reward
     elapsed = time.perf_counter() - begin
     print(f"observations {observation.shape}, {arguments.worlds * arguments.steps / elapsed:.0f} env steps/s")

@@ -102,7 +102,7 @@ def kinetic_energy(particles: Particles, scene: Scene) -> float:
 
 def potential_energy(particles: Particles, scene: Scene, gravity: Sequence[float] | np.ndarray | None = None) -> float:
     """Energy in the field of gravity [J], zero at the origin; gravity [m/s2] (dim,), None is the scene's."""
-    g = np.asarray(scene.gravity if gravity is None else gravity, float)
+    g = scene.gravity_vector if gravity is None else np.asarray(gravity, float)
     return -scene.particle_mass * float((particles.position.astype(float) @ g).sum())
 
 

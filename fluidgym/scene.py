@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -146,6 +146,8 @@ class Fluid:
                 f"Fluid.pressure = {self.pressure!r} is unknown;"
                 " use 'hydrostatic', 'released', 'none' or a function of points"
             )
+        if self.velocity is not None and not callable(self.velocity):
+            object.__setattr__(self, "velocity", _point("Fluid.velocity", self.velocity))
         if self.pressure == "released" and not isinstance(self.shape, Box):
             raise ValueError(
                 f"Fluid.pressure = 'released' is for a Box, not a {type(self.shape).__name__}; use 'hydrostatic'"
@@ -258,6 +260,11 @@ class Scene:
         return len(self.lower)
 
     @property
+    def gravity_vector(self) -> np.ndarray:
+        """Acceleration of gravity [m/s2], (dim,)."""
+        return np.asarray(self.gravity, float)
+
+    @property
     def particle_mass(self) -> float:
         """Mass of one particle [kg] (per metre of depth in two dimensions)."""
         return self.material.density * self.particle_spacing**self.dim
@@ -274,14 +281,15 @@ class Scene:
             return self.reference_speed
         position, velocity = self.sample_motion()
         speed = float(np.sqrt((velocity**2).sum(axis=1).max(initial=0.0)))
-        g = float(np.linalg.norm(self.gravity))
+        gravity = self.gravity_vector
+        g = float(np.linalg.norm(gravity))
         if g and len(position):
-            depth = -(position @ np.asarray(self.gravity)) / g
-            floor = -np.asarray(self.gravity) / g @ np.where(np.asarray(self.gravity) > 0, self.upper, self.lower)
+            depth = -(position @ gravity) / g
+            floor = -gravity / g @ np.where(gravity > 0, self.upper, self.lower)
             speed = max(speed, math.sqrt(g * (depth.max() - floor + 0.5 * self.particle_spacing)))
         if not speed:
             raise ValueError(
-                "Scene.reference_speed = None cannot be estimated for a fluid at rest without gravity;"
+                "Scene.reference_speed = None cannot be estimated without fluid that moves or weighs;"
                 " give the largest speed expected [m/s]"
             )
         return speed
@@ -327,7 +335,7 @@ class Scene:
     def _start_pressure(self, body: Fluid, points: np.ndarray) -> np.ndarray:
         if callable(body.pressure):
             return _evaluate("Fluid.pressure", body.pressure, points, (len(points),))
-        g = np.asarray(self.gravity)
+        g = self.gravity_vector
         if body.pressure == "none" or not len(points) or not g.any():
             return np.zeros(len(points))
         if body.pressure == "released":
@@ -343,7 +351,7 @@ class Scene:
     def _gravity_vector(self, gravity: Point | float | None) -> Point:
         if gravity is None:
             gravity = 9.81
-        if isinstance(gravity, (int, float)):
+        if isinstance(gravity, (int, float, np.number)):
             gravity = (0.0,) * (self.dim - 1) + (-float(gravity),)
         gravity = _point("Scene.gravity", gravity)
         if len(gravity) != self.dim:
@@ -355,6 +363,8 @@ class Scene:
         for name in given:
             if name not in names:
                 raise ValueError(f"Scene.faces has no face {name!r}; use {', '.join(names)}")
+            if not isinstance(given[name], Face):
+                raise ValueError(f"Scene.faces[{name!r}] = {given[name]!r} is not a Face; use Face('wall')")
         faces = {name: given.get(name, WALL) for name in names}
         for axis in range(self.dim):
             low, high = names[2 * axis], names[2 * axis + 1]
@@ -381,6 +391,10 @@ class Scene:
 
     def _check_fluid(self, body: Fluid) -> None:
         low, high = body.shape.bounds()
+        if isinstance(body.velocity, tuple) and len(body.velocity) != self.dim:
+            raise ValueError(
+                f"Fluid.velocity = {body.velocity} m/s has {len(body.velocity)} components; give {self.dim}"
+            )
         if len(low) != self.dim or len(high) != self.dim:
             raise ValueError(
                 f"Scene.fluid shape has {len(low)} and {len(high)} components, limit {self.dim}; match Scene.lower"
@@ -447,9 +461,9 @@ def _check_number(name: str, value: float, unit: str, above: float | None = None
         raise ValueError(f"{name} = {value:g} {unit} is below the limit {least:g}; use {least:g} or more")
 
 
-def _evaluate(name: str, given: object, points: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+def _evaluate(name: str, given: Any, points: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     """A constant or a function of points as an array of the shape asked for, checked."""
-    value = given(points) if callable(given) else (0.0 if given is None else given)
+    value: Any = given(points) if callable(given) else (0.0 if given is None else given)
     try:
         array = np.array(np.broadcast_to(np.asarray(value, float), shape))
     except ValueError:

@@ -9,12 +9,14 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from fluidgym.scene import Particles, Scene, face_names
+from fluidgym.scene import AXES, Particles, Scene, face_names
 from fluidgym.scheme import DEFAULT_SCHEME, Scheme
 from fluidgym.sph.constants import Constants
 from fluidgym.sph.integrate import advance_faces, aim_faces, make_step
 from fluidgym.sph.neighbors import make_gather, make_grid, order_by_cell, settle_order
-from fluidgym.state import Faces, ParticleArrays, State
+from fluidgym.state import ParticleArrays, State
+
+_CONSTANTS: Any = Constants  # a Warp struct: to a type checker no class
 
 # How far a pair may approach in half a step, over h, and still be seen in the second sweep.
 SKIN = 0.1
@@ -95,14 +97,15 @@ class Solver:
         start = scene.sample()
         self.capacity = max(len(start), 1)
         self._set_numbers()
+        self._check_box()
         self._build_kernels(plain_loops)
         dim = scene.dim
         self.state = State(dim, num_worlds, self.capacity, self.device)
         self._bounds = wp.zeros(num_worlds * self._grid.stride + 2, dtype=int, device=self.device)
         self._travel = wp.array(self._face_travel(), dtype=float, device=self.device)
-        self._constants = wp.zeros(num_worlds, dtype=Constants, device=self.device)
-        self._constants_at_rest = wp.zeros(num_worlds, dtype=Constants, device=self.device)
-        self.gravity = np.tile(np.asarray(scene.gravity, np.float32), (num_worlds, 1))
+        self._constants = wp.zeros(num_worlds, dtype=_CONSTANTS, device=self.device)
+        self._constants_at_rest = wp.zeros(num_worlds, dtype=_CONSTANTS, device=self.device)
+        self.gravity = np.tile(scene.gravity_vector.astype(np.float32), (num_worlds, 1))
         self.face_velocity = np.zeros((num_worlds, 2 * dim), np.float32)
         self._gravity = wp.array(self.gravity, dtype=float, device=self.device)
         self._face_target = wp.zeros((num_worlds, 2 * dim), dtype=float, device=self.device)
@@ -121,7 +124,7 @@ class Solver:
         h = scheme.smoothing_length(scene.particle_spacing, scene.dim)
         c_0 = scene.sound_speed
         viscosity = material.viscosity + scheme.artificial_viscosity * h * c_0 / (2 * (scene.dim + 2))
-        gravity = float(np.linalg.norm(scene.gravity))
+        gravity = float(np.linalg.norm(scene.gravity_vector))
         sigma = scheme.kernel.sigma(scene.dim) / h**scene.dim
         self.max_step = scheme.time_step(h, c_0, scene.speed_scale, viscosity, gravity)
         self._values = {
@@ -143,6 +146,17 @@ class Solver:
             "eta_squared": 0.01 * h * h,
         }
 
+    def _check_box(self) -> None:
+        """Refuse a box in which a particle would need the images of images."""
+        support = self._values["support"]
+        for axis, (low, high) in enumerate(zip(self.scene.lower, self.scene.upper, strict=True)):
+            kinds = {self.scene.faces[name].kind for name in face_names(self.scene.dim)[2 * axis : 2 * axis + 2]}
+            if kinds != {"open"} and high - low < support * (1.0 - 1e-6):
+                raise ValueError(
+                    f"Scene box is {high - low:g} m along {AXES[axis]}, below the smoothing support {support:g} m;"
+                    " use a wider box or a smaller Scene.particle_spacing"
+                )
+
     def _build_kernels(self, plain_loops: bool) -> None:
         scene, scheme, dim = self.scene, self.scheme, self.scene.dim
         faces = [scene.faces[name] for name in face_names(dim)]
@@ -155,7 +169,7 @@ class Solver:
             force_terms=tuple(term.function for term in scheme.force_terms(scene.material.viscosity > 0)),
             slope=scheme.kernel.slope,
             pressure=scheme.state_equation.pressure,
-            gravity=bool(np.any(scene.gravity)),
+            gravity=bool(np.any(scene.gravity_vector)),
             plain=plain_loops,
         )
         self._gather = make_gather(dim)
@@ -184,7 +198,7 @@ class Solver:
     def _write_constants(self) -> None:
         """Hand the constants to the device."""
         for array, dt in ((self._constants, self._step_size), (self._constants_at_rest, 0.0)):
-            record = np.zeros(self.num_worlds, dtype=Constants.numpy_dtype())
+            record: Any = np.zeros(self.num_worlds, dtype=_CONSTANTS.numpy_dtype())
             for name, value in self._values.items():
                 record[name] = value
             record["dt"] = dt
@@ -209,6 +223,8 @@ class Solver:
             n, first = len(start), world * self.capacity
             if n > self.capacity:
                 raise ValueError(f"start has {n} particles, limit {self.capacity}; make the solver with a larger scene")
+            if not (np.isfinite(start.position).all() and np.isfinite(start.velocity).all()):
+                raise ValueError(f"start of world {world} has a position or velocity that is not finite; give numbers")
             host["position"][:, first : first + n] = start.position.T
             host["velocity"][:, first : first + n] = start.velocity.T
             host["density_error"][first : first + n] = self.scheme.state_equation.density_of(
@@ -224,7 +240,7 @@ class Solver:
         """Put every start in cell order and find its accelerations, as a step of no time does."""
         start, faces = self.state.start, self.state.faces_start
         start.acceleration.zero_()
-        self._gravity.assign(np.tile(np.asarray(self.scene.gravity, np.float32), (self.num_worlds, 1)))
+        self._gravity.assign(np.tile(self.scene.gravity_vector, (self.num_worlds, 1)))
         self._sort(start, faces, self._constants_at_rest)
         # The density goes to scratch: a start is primed again whenever another world gets a new one.
         self._sweep(start, faces, faces, self._constants_at_rest, density_out=self.state.reduced_pressure)
@@ -259,8 +275,10 @@ class Solver:
         """Go on by n steps of dt [s]; None is `max_step`.
 
         Raises:
-            ValueError: dt is longer than 1.5 times `max_step`, where the scheme is no longer stable.
+            ValueError: n is below one, or dt longer than 1.5 times `max_step`, where the scheme is no longer stable.
         """
+        if n < 1:
+            raise ValueError(f"Solver.step n = {n} is below the limit 1; use 1 or more")
         dt = self.max_step if dt is None else dt
         if not 0.0 < dt <= 1.5 * self.max_step:
             raise ValueError(f"Solver.step dt = {dt:g} s is outside 0 to {1.5 * self.max_step:g} s; use max_step")
@@ -298,7 +316,7 @@ class Solver:
             self._sort(state.now, middle, self._constants)
             self._sweep(state.now, middle, state.faces, self._constants, density_out=state.now.density_error)
 
-    def _sort(self, particles: ParticleArrays, faces: Faces, constants: wp.array) -> None:
+    def _sort(self, particles: ParticleArrays, faces: Any, constants: wp.array) -> None:
         """Kick and drift to the middle of the step, then put the particles in cell order."""
         state, slots = self.state, self.num_worlds * self.capacity
         self._bounds.zero_()
@@ -326,7 +344,7 @@ class Solver:
         )
 
     def _sweep(
-        self, particles: ParticleArrays, middle: Faces, end: Faces, constants: wp.array, density_out: wp.array
+        self, particles: ParticleArrays, middle: Any, end: Any, constants: wp.array, density_out: wp.array
     ) -> None:
         """The two sweeps over pairs, from the sorted arrays back into the particles'."""
         state, half, slots = self.state, self.state.sorted, self.num_worlds * self.capacity
@@ -334,7 +352,7 @@ class Solver:
         wp.launch(
             self._kernels.advance_density,
             dim=slots,
-            inputs=[*shared, middle, half.position, half.velocity, half.density_error, half.identity],
+            inputs=[*shared, middle, end, half.position, half.velocity, half.density_error, half.identity],
             outputs=[particles.position, density_out, particles.identity, state.reduced_pressure, state.clamped],
             device=self.device,
         )

@@ -144,6 +144,7 @@ def make_advance_density(
         grid: Grid,
         bounds: wp.array[int],
         faces: Faces,
+        faces_end: Faces,
         position: wp.array2d[float],
         velocity: wp.array2d[float],
         density_error: wp.array[float],
@@ -191,7 +192,7 @@ def make_advance_density(
             s *= wp.clamp(company / SPRAY_COMPANY, 0.0, 1.0)
             x += 0.5 * c.dt * u
             if wp.static("wall" in kinds):
-                kept = keep_inside(x, u, world, faces, clamped)
+                kept = keep_inside(x, u, world, faces_end, clamped)
                 x = kept.position
         for k in range(wp.static(dim)):
             position_out[k, i] = x[k]

@@ -83,10 +83,10 @@ def make_images(dim: int, kinds: tuple[str, ...], no_slip: tuple[bool, ...]) -> 
         q.position = x
         q.velocity = u
         q.viscous_velocity = u
+        q.viscous_turn = vec(1.0)
         rest = int(n)
         for k in range(wp.static(dim)):
             q.turn[k] = 1.0
-            q.viscous_turn[k] = 1.0
             q.density_tilt[k] = g[k] * c.inv_c_0_squared
             if (imaged >> (2 * k)) & 3 != 0:
                 choices = 1 + (found[k] & 1) + (found[k] >> 1)

@@ -1,0 +1,147 @@
+"""The native pair loop against its twin in plain Warp, directly and over a whole step."""
+
+import numpy as np
+import pytest
+import warp as wp
+
+from fluidgym.scene import OPEN, PERIODIC, Box, Face, Fluid, Material, Particles, Scene
+from fluidgym.scheme import DEFAULT_SCHEME
+from fluidgym.solver import Solver
+from fluidgym.sph.constants import Constants
+from fluidgym.sph.neighbors import Grid
+from fluidgym.sph.pair_loop import make_pair_loop
+
+# Two steps' kernels each: periodic along x, a wall that holds the fluid, one that moves, and an opening.
+FACES = {
+    2: {"x_min": PERIODIC, "x_max": PERIODIC, "y_min": Face(slip="no", moving=True)},
+    3: {
+        "x_min": PERIODIC,
+        "x_max": PERIODIC,
+        "y_min": Face(slip="no", sliding=(0.3, 0.0, 0.1)),
+        "z_min": Face(moving=True),
+        "z_max": OPEN,
+    },
+}
+
+
+def make_solver(dim, plain_loops=False, device="cpu"):
+    """Two worlds of stirred, jittered fluid."""
+    upper = (1.0, 1.0, 0.8)[-dim:]
+    scene = Scene(
+        (0.0,) * dim,
+        upper,
+        0.1,
+        Fluid(Box((0.0,) * dim, upper)),
+        faces=FACES[dim],
+        material=Material(viscosity=0.02, sound_speed=25.0),
+        reference_speed=2.0,
+        jitter=0.3,
+    )
+    solver = Solver(scene, num_worlds=2, plain_loops=plain_loops, device=device)
+    random, starts = np.random.default_rng(9), []
+    for _ in range(2):
+        start = scene.sample()
+        pressure = 1000.0 * 25.0**2 * random.uniform(-0.01, 0.02, len(start))
+        velocity = random.uniform(-1.0, 1.0, start.position.shape)
+        starts.append(Particles(start.position, velocity, start.density, pressure, start.identity))
+    solver.set_start([0, 1], starts)
+    solver.reset()
+    return solver
+
+
+def sum_both(solver, terms, force, tilted, signed, device):
+    """Sums of the native and of the plain loop, with an offset, a tilt and signs: (loop, slot, component)."""
+    dim, slots = solver.scene.dim, 2 * solver.capacity
+    native, emit_terms = make_pair_loop(dim, terms, DEFAULT_SCHEME.kernel.slope, force, tilted, signed)
+    plain, _ = make_pair_loop(dim, terms, DEFAULT_SCHEME.kernel.slope, force, tilted, signed, plain=True)
+    vec = wp.types.vector(dim, wp.float32)
+    width = dim if force else 2
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def both(
+        capacity: int,
+        constants: wp.array[Constants],
+        grid: Grid,
+        bounds: wp.array[int],
+        position: wp.array2d[float],
+        velocity: wp.array2d[float],
+        field: wp.array[float],
+        offset: float,
+        tilt: vec,
+        sign: vec,
+        sums: wp.array3d[float],
+    ):
+        i = wp.tid()
+        c = constants[0]
+        if capacity < 0:
+            sums[0, i, 0] = emit_terms(c)
+        x = vec()
+        u = vec()
+        for k in range(wp.static(dim)):
+            x[k] = position[k, i]
+            u[k] = velocity[k, i]
+        first_cell = i // capacity * grid.stride
+        p = native(
+            x, u, field[i], offset, tilt, sign, first_cell, c.support, position, velocity, field, bounds, grid, c
+        )
+        q = plain(x, u, field[i], offset, tilt, sign, first_cell, c.support, position, velocity, field, bounds, grid, c)
+        for k in range(wp.static(width)):
+            sums[0, i, k] = p[k]
+            sums[1, i, k] = q[k]
+
+    start = solver.state.start
+    sums = wp.zeros((2, slots, width), dtype=float, device=device)
+    inputs = [solver.capacity, solver._constants, solver._grid, solver._bounds]
+    inputs += [start.position, start.velocity, start.density_error]
+    wp.launch(both, slots, [*inputs, 0.004, vec(*[0.03, -0.02, 0.01][:dim]), vec(*[-1.0, 1.0, -1.0][:dim]), sums],
+              device=device)  # fmt: skip
+    return sums.numpy().astype(float)
+
+
+@pytest.mark.parametrize("force", [False, True], ids=["density", "force"])
+@pytest.mark.parametrize(
+    ("dim", "tilted", "signed"), [(2, False, False), (2, True, True), (3, True, True)], ids=["2D bare", "2D", "3D"]
+)
+def test_native_and_plain_loop_give_the_same_sums(dim, force, tilted, signed, device):
+    scheme = DEFAULT_SCHEME
+    terms = scheme.force_terms(viscous=True) if force else scheme.density_terms()
+    functions = tuple(term.function for term in terms)
+    native, plain = sum_both(make_solver(dim, device=device), functions, force, tilted, signed, device)
+    scale = np.abs(plain).max(axis=0)
+    assert (scale > 0.0).all()
+    np.testing.assert_allclose(native / scale, plain / scale, atol=1e-6)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_native_and_plain_loop_make_the_same_step(dim, device):
+    saved = []
+    for plain_loops in (False, True):
+        solver = make_solver(dim, plain_loops, device)
+        before = solver.save()
+        solver.face_velocity[:, solver.face_index("xyz"[dim - 1] + "_min")] = [0.5, -0.5]
+        solver.step()
+        saved.append(solver.save())
+    native, plain = saved
+    assert (native["position"] != before["position"]).any()
+    np.testing.assert_array_equal(native["identity"], plain["identity"])
+    for name in ("position", "velocity", "density_error", "acceleration"):
+        scale = np.abs(plain[name]).max()
+        np.testing.assert_allclose(native[name] / scale, plain[name] / scale, atol=1e-6, err_msg=name)
+
+
+def test_what_lies_past_the_last_row_does_not_count():
+    # The native loop reads whole blocks of slots, into other worlds and past the end: whatever is there, even nan.
+    solver = make_solver(2)
+    solver.step(3)
+    clean = solver.save()
+    solver.reset()
+    n = solver.capacity
+    saved = solver.save()
+    for name in ("position", "velocity", "density_error", "acceleration"):
+        saved[name][..., n:] = np.nan
+    solver.restore(saved)
+    solver.step(3)
+    broken = solver.save()
+    for name in ("position", "velocity", "density_error", "acceleration", "identity"):
+        np.testing.assert_array_equal(broken[name][..., :n], clean[name][..., :n])
+    assert np.isnan(broken["position"][..., n : 2 * n]).any()

@@ -1,0 +1,110 @@
+"""Smoothing kernels: each integrates to one and its gradient to nothing, in two and three dimensions."""
+
+import math
+
+import numpy as np
+import pytest
+import warp as wp
+
+from fluidgym.scheme import DEFAULT_SCHEME
+from fluidgym.sph import smoothing
+from fluidgym.sph.constants import Constants
+
+KERNELS = [kernel for kernel in vars(smoothing).values() if isinstance(kernel, smoothing.SmoothingKernel)]
+H = 0.7
+
+each_kernel = pytest.mark.parametrize("kernel", KERNELS, ids=lambda kernel: kernel.name)
+each_dim = pytest.mark.parametrize("dim", [2, 3])
+
+
+def make_constants(kernel, dim, h=H):
+    """The constants that a smoothing kernel reads."""
+    c = Constants()
+    sigma = kernel.sigma(dim) / h**dim
+    c.h, c.support, c.inv_support = h, kernel.support * h, 1.0 / (kernel.support * h)
+    c.kernel_value, c.kernel_slope = sigma, sigma / h**2
+    return c
+
+
+def evaluate(kernel, r, dim, h=H):
+    """W(r) and W'(r)/r as the device computes them, each of the shape of r, in double precision."""
+    value, slope = kernel.value, kernel.slope
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def both(r: wp.array[float], c: Constants, W: wp.array[float], dW: wp.array[float]):
+        i = wp.tid()
+        W[i] = value(r[i], c)
+        dW[i] = slope(r[i], c)
+
+    flat = np.asarray(r, np.float32).ravel()
+    W, dW = (wp.zeros(flat.size, dtype=float, device="cpu") for _ in range(2))
+    wp.launch(both, flat.size, [wp.array(flat, device="cpu"), make_constants(kernel, dim, h)], [W, dW], device="cpu")
+    return W.numpy().astype(float).reshape(np.shape(r)), dW.numpy().astype(float).reshape(np.shape(r))
+
+
+def test_there_is_a_kernel():
+    assert KERNELS
+    assert DEFAULT_SCHEME.kernel in KERNELS
+
+
+@each_dim
+@each_kernel
+def test_kernel_integrates_to_one(kernel, dim):
+    # In shells: the midpoint rule on a polynomial in r is as good as float32.
+    n = 20_000
+    r = (np.arange(n) + 0.5) / n * kernel.support * H
+    shell = {2: 2 * math.pi * r, 3: 4 * math.pi * r**2}[dim]
+    W, _ = evaluate(kernel, r, dim)
+    assert (W * shell).sum() * kernel.support * H / n == pytest.approx(1.0, abs=1e-6)
+
+
+@each_dim
+@each_kernel
+def test_gradient_integrates_to_nothing_and_moves_a_linear_field_by_its_slope(kernel, dim):
+    # On a grid of points: sum grad W = 0 and, by parts, sum x_a dW/dx_b = -1 where a = b and 0 elsewhere.
+    n = {2: 400, 3: 80}[dim]
+    line = ((np.arange(n) + 0.5) / n * 2.0 - 1.0) * kernel.support * H
+    x = np.stack(np.meshgrid(*[line] * dim, indexing="ij")).reshape(dim, -1)
+    volume = (2.0 * kernel.support * H / n) ** dim
+    _, slope = evaluate(kernel, np.sqrt((x**2).sum(axis=0)), dim)
+    gradient = slope * x
+    scale = np.abs(gradient).sum() * volume
+    np.testing.assert_allclose(gradient.sum(axis=1) * volume / scale, 0.0, atol=1e-7)
+    np.testing.assert_allclose(x @ gradient.T * volume, -np.eye(dim), atol=2e-4)
+
+
+@each_dim
+@each_kernel
+def test_slope_is_the_derivative_of_the_value_over_the_distance(kernel, dim):
+    r = np.linspace(0.05, 0.95, 19) * kernel.support * H
+    step = 0.01 * H
+    (low, _), (high, _) = (evaluate(kernel, r + side * step, dim) for side in (-1, 1))
+    _, slope = evaluate(kernel, r, dim)
+    peak = np.abs(slope * r).max()
+    np.testing.assert_allclose((high - low) / (2 * step) / peak, slope * r / peak, atol=3e-4)
+
+
+@each_dim
+@each_kernel
+def test_kernel_is_nothing_beyond_its_support_and_finite_at_its_centre(kernel, dim):
+    r = np.array([0.0, 0.5, 0.99, 1.0, 1.01, 50.0]) * kernel.support * H
+    W, slope = evaluate(kernel, r, dim)
+    assert np.isfinite(W).all()
+    assert np.isfinite(slope).all()
+    assert (W[:3] > 0.0).all()
+    assert (slope[1:3] < 0.0).all()
+    scale = W[0]
+    np.testing.assert_allclose(W[3:] / scale, 0.0, atol=1e-12)
+    np.testing.assert_allclose(slope[3:] * H**2 / scale, 0.0, atol=1e-12)
+
+
+@each_dim
+def test_volumes_of_a_lattice_add_up_to_one_within_a_percent(dim):
+    kernel = DEFAULT_SCHEME.kernel
+    dx = 0.1
+    h = DEFAULT_SCHEME.smoothing_length(dx, dim)
+    line = np.arange(-4, 5) * dx
+    x = np.stack(np.meshgrid(*[line] * dim)).reshape(dim, -1)
+    for shift in (0.0, 0.25, 0.5):  # seen from a particle, and from places between particles
+        W, _ = evaluate(kernel, np.sqrt(((x - shift * dx) ** 2).sum(axis=0)), dim, h)
+        assert W.sum() * dx**dim == pytest.approx(1.0, abs=0.01)
