@@ -9,8 +9,8 @@ from fluidgym.sph.continuity import DENSITY_DIFFUSION, DIVERGENCE
 from fluidgym.sph.pressure import PRESSURE_GRADIENT
 from fluidgym.sph.smoothing import WENDLAND_C2, SmoothingKernel
 from fluidgym.sph.state_equation import LINEAR, StateEquation
-from fluidgym.sph.terms import DensityRate, Force, Term
-from fluidgym.sph.viscosity import VISCOSITY_MONAGHAN
+from fluidgym.sph.terms import DensityRate, Drag, Force, Term
+from fluidgym.sph.viscosity import ARTIFICIAL_VISCOSITY, VISCOSITY_MORRIS
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,8 @@ class Scheme:
         state_equation: Pressure from density, LINEAR or TAIT.
         gamma: Exponent of TAIT.
         density_diffusion: delta of the density diffusion (Marrone et al. 2011); 0 leaves the term out.
-        artificial_viscosity: alpha of the artificial viscosity; 0 leaves it out where the fluid has none of its own.
+        artificial_viscosity: alpha of the artificial viscosity; 0 leaves it out.
+        viscosity: Form of the fluid's own viscosity, VISCOSITY_MORRIS or VISCOSITY_MONAGHAN; left out where it has none.
         courant: Time step over h / (c_0 + largest expected speed).
         terms: Further terms, added to those the fields above imply.
 
@@ -37,6 +38,7 @@ class Scheme:
     gamma: float = 7.0
     density_diffusion: float = 0.1
     artificial_viscosity: float = 0.01
+    viscosity: Force | Drag = VISCOSITY_MORRIS
     courant: float = 1.0
     terms: tuple[Term, ...] = ()
 
@@ -62,10 +64,11 @@ class Scheme:
         diffusion = (DENSITY_DIFFUSION,) if self.density_diffusion else ()
         return (DIVERGENCE, *diffusion, *(t for t in self.terms if isinstance(t, DensityRate)))
 
-    def force_terms(self, viscous: bool) -> tuple[Force, ...]:
+    def force_terms(self, viscous: bool) -> tuple[Force | Drag, ...]:
         """The terms of du/dt, for a fluid with viscosity of its own or without."""
-        viscosity = (VISCOSITY_MONAGHAN,) if viscous or self.artificial_viscosity else ()
-        return (PRESSURE_GRADIENT, *viscosity, *(t for t in self.terms if isinstance(t, Force)))
+        artificial = (ARTIFICIAL_VISCOSITY,) if self.artificial_viscosity else ()
+        laminar = (self.viscosity,) if viscous else ()
+        return (PRESSURE_GRADIENT, *artificial, *laminar, *(t for t in self.terms if not isinstance(t, DensityRate)))
 
     def time_step(self, h: float, sound_speed: float, speed: float, viscosity: float, gravity: float) -> float:
         """Largest stable time step [s]: sound, viscosity and body force each set a limit.

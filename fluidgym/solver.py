@@ -142,7 +142,9 @@ class Solver:
             "inv_c_0_squared": 1.0 / c_0**2,
             "gamma": scheme.gamma,
             "diffusion": 2.0 * scheme.density_diffusion * h * c_0,
-            "viscosity": 2 * (scene.dim + 2) * viscosity,
+            "artificial_viscosity": scheme.artificial_viscosity * h * c_0,
+            "viscosity": material.viscosity,
+            "viscosity_monaghan": 2 * (scene.dim + 2) * material.viscosity,
             "eta_squared": 0.01 * h * h,
         }
 
@@ -165,8 +167,8 @@ class Solver:
             dim=dim,
             kinds=tuple(face.kind for face in faces),
             no_slip=tuple(face.slip == "no" for face in faces),
-            density_terms=tuple(term.function for term in scheme.density_terms()),
-            force_terms=tuple(term.function for term in scheme.force_terms(scene.material.viscosity > 0)),
+            density_terms=scheme.density_terms(),
+            force_terms=scheme.force_terms(scene.material.viscosity > 0),
             slope=scheme.kernel.slope,
             pressure=scheme.state_equation.pressure,
             gravity=bool(np.any(scene.gravity_vector)),

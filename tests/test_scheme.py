@@ -10,7 +10,7 @@ from fluidgym.sph.constants import Constants
 from fluidgym.sph.continuity import DENSITY_DIFFUSION, DIVERGENCE
 from fluidgym.sph.pressure import PRESSURE_GRADIENT
 from fluidgym.sph.terms import DensityRate, Force
-from fluidgym.sph.viscosity import VISCOSITY_MONAGHAN
+from fluidgym.sph.viscosity import ARTIFICIAL_VISCOSITY, VISCOSITY_MORRIS
 
 
 @wp.func
@@ -31,14 +31,14 @@ def test_smoothing_length_is_its_ratio_times_the_spacing():
 
 def test_terms_are_those_that_the_fields_imply():
     assert DEFAULT_SCHEME.density_terms() == (DIVERGENCE, DENSITY_DIFFUSION)
-    assert DEFAULT_SCHEME.force_terms(viscous=False) == (PRESSURE_GRADIENT, VISCOSITY_MONAGHAN)
+    assert DEFAULT_SCHEME.force_terms(viscous=False) == (PRESSURE_GRADIENT, ARTIFICIAL_VISCOSITY)
 
 
 def test_term_of_no_effect_is_left_out():
     bare = Scheme(density_diffusion=0.0, artificial_viscosity=0.0)
     assert bare.density_terms() == (DIVERGENCE,)
     assert bare.force_terms(viscous=False) == (PRESSURE_GRADIENT,)
-    assert bare.force_terms(viscous=True) == (PRESSURE_GRADIENT, VISCOSITY_MONAGHAN)
+    assert bare.force_terms(viscous=True) == (PRESSURE_GRADIENT, VISCOSITY_MORRIS)
 
 
 def test_further_terms_go_to_the_sweep_of_their_kind():

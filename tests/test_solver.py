@@ -552,3 +552,38 @@ def test_box_narrower_than_the_support_is_refused():
         "Scene box is 0.1 m along x, below the smoothing support 0.15 m;"
         " use a wider box or a smaller Scene.particle_spacing"
     )
+
+
+# -- shear flows -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("across", [0, 1])
+def test_shear_flow_starts_as_the_series_says(across):
+    """Poiseuille flow between no-slip walls, driven by a body force; the series is that of the diffusion equation."""
+    width, nu, top_speed, n = 1.0, 0.05, 1.0, 20
+    along = 1 - across
+    names = face_names(2)
+    faces = {names[2 * along + side]: PERIODIC for side in (0, 1)}
+    faces |= {names[2 * across + side]: Face(slip="no") for side in (0, 1)}
+    corner, gravity = np.zeros(2), np.zeros(2)
+    corner[across], corner[along] = width, 0.4
+    gravity[along] = 8.0 * nu * top_speed / width**2
+    scene = Scene(
+        (0.0, 0.0),
+        tuple(corner),
+        width / n,
+        Fluid(Box((0.0, 0.0), tuple(corner))),
+        faces,
+        gravity=tuple(gravity),
+        material=Material(viscosity=nu),
+        reference_speed=top_speed,
+    )
+    solver = Solver(scene, Scheme(artificial_viscosity=0.0), device="cpu")
+    solver.advance(0.2 * width**2 / nu)
+    water = solver.particles()
+    y = water.position[:, across] / width
+    order = np.arange(1, 60, 2)[:, None]
+    decay = np.exp(-((order * np.pi) ** 2) * 0.2)
+    series = 4.0 * y * (1.0 - y) - (32.0 / (np.pi * order) ** 3 * np.sin(order * np.pi * y) * decay).sum(axis=0)
+    assert np.abs(water.velocity[:, along] - series).max() < 0.02 * top_speed
+    assert np.abs(water.velocity[:, across]).max() < 0.01 * top_speed

@@ -172,7 +172,7 @@ def test_source_has_what_the_scene_needs_and_lacks_what_it_does_not(tmp_path):
     for kernel, words in {
         "drift": ["keep_inside"],
         "advance_density": ["keep_inside", "query", "density_diffusion", "T1 * x1"],
-        "kick": ["cushion", "query", "viscosity_monaghan", "T1 * x1", "S1 * x1"],
+        "kick": ["cushion", "query", "artificial_viscosity_", "T1 * x1", "S1 * x1"],
     }.items():
         for word in words:
             assert word in rich[kernel], f"{word} in {kernel}"

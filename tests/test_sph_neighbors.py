@@ -11,6 +11,7 @@ from fluidgym.solver import Solver
 from fluidgym.sph.constants import Constants
 from fluidgym.sph.neighbors import Grid, order_by_cell, settle_order
 from fluidgym.sph.pair_loop import make_pair_loop
+from fluidgym.sph.terms import DensityRate
 
 DX = 0.1
 BOXES = {2: ((-0.4, 0.3), (1.0, 1.37)), 3: ((-0.4, 0.3, 0.0), (0.35, 0.9, 0.8))}
@@ -69,7 +70,7 @@ def cells_of(solver, position, identity):
 def visits(solver, position, search):
     """How often the pair loop of slot i counts slot j: (i, j)."""
     dim, slots = solver.scene.dim, WORLDS * solver.capacity
-    pair_loop, emit_terms = make_pair_loop(dim, (neighbour_field,), any_slope, force=False)
+    pair_loop, emit_terms = make_pair_loop(dim, (DensityRate(neighbour_field),), any_slope, force=False)
     vec = wp.types.vector(dim, wp.float32)
 
     @wp.kernel(module="unique", enable_backward=False)

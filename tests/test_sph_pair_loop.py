@@ -105,7 +105,7 @@ def sum_both(solver, terms, force, tilted, signed, device):
 def test_native_and_plain_loop_give_the_same_sums(dim, force, tilted, signed, device):
     scheme = DEFAULT_SCHEME
     terms = scheme.force_terms(viscous=True) if force else scheme.density_terms()
-    functions = tuple(term.function for term in terms)
+    functions = terms
     native, plain = sum_both(make_solver(dim, device=device), functions, force, tilted, signed, device)
     scale = np.abs(plain).max(axis=0)
     assert (scale > 0.0).all()

@@ -93,7 +93,7 @@ class Reference:
         self.h = {2: 1.5, 3: 1.3}[scene.dim] * scene.particle_spacing
         self.c_0, self.g = scene.sound_speed, np.asarray(scene.gravity)
         self.V = scene.particle_spacing**scene.dim
-        self.K = ALPHA * self.h * self.c_0 + 2 * (scene.dim + 2) * scene.material.viscosity
+        self.K, self.nu = ALPHA * self.h * self.c_0, scene.material.viscosity
 
     def slope(self, r):
         """W'(r)/r of Wendland C2."""
@@ -153,10 +153,11 @@ class Reference:
         for x, _, v, lift in self.mirrors(now):
             d = now.x[:, None] - x[None]
             r = np.linalg.norm(d, axis=2)
-            xu = (d * (now.u[:, None] - v[None])).sum(axis=2)
+            u = now.u[:, None] - v[None]
+            xu = (d * u).sum(axis=2)
             P_m = np.maximum(P + lift, np.minimum(P, 0))  # gravity does not make a wall pull
             f = -(self.c_0**2) * (P[:, None] + P_m) + self.K * xu / (r**2 + 0.01 * self.h**2)
-            a += self.V * ((f * self.slope(r))[:, :, None] * d).sum(axis=1)
+            a += self.V * (self.slope(r)[:, :, None] * (f[:, :, None] * d + 2 * self.nu * u)).sum(axis=1)
         return a
 
     def step(self, now, dt, wall_a):

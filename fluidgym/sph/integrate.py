@@ -21,6 +21,7 @@ import warp as wp
 from fluidgym.sph.constants import Constants
 from fluidgym.sph.neighbors import Grid, make_cell_of
 from fluidgym.sph.pair_loop import make_pair_loop
+from fluidgym.sph.terms import DensityRate, Drag, Force
 from fluidgym.sph.walls import make_images
 from fluidgym.state import Faces
 
@@ -123,7 +124,7 @@ def make_advance_density(
     dim: int,
     kinds: tuple[str, ...],
     no_slip: tuple[bool, ...],
-    terms: tuple[wp.Function, ...],
+    terms: tuple[DensityRate, ...],
     slope: wp.Function,
     pressure: wp.Function,
     tilted: bool,
@@ -207,7 +208,7 @@ def make_kick(
     dim: int,
     kinds: tuple[str, ...],
     no_slip: tuple[bool, ...],
-    terms: tuple[wp.Function, ...],
+    terms: tuple[Force | Drag, ...],
     slope: wp.Function,
     tilted: bool,
     plain: bool = False,
@@ -281,8 +282,8 @@ def make_step(
     dim: int,
     kinds: tuple[str, ...],
     no_slip: tuple[bool, ...],
-    density_terms: tuple[wp.Function, ...],
-    force_terms: tuple[wp.Function, ...],
+    density_terms: tuple[DensityRate, ...],
+    force_terms: tuple[Force | Drag, ...],
     slope: wp.Function,
     pressure: wp.Function,
     gravity: bool,

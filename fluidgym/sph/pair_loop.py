@@ -16,7 +16,7 @@ import warp as wp
 
 from fluidgym.sph.constants import Constants
 from fluidgym.sph.neighbors import Grid
-from fluidgym.sph.terms import total
+from fluidgym.sph.terms import Drag, Term, total
 from fluidgym.state import PADDING
 
 # On a CPU a row is taken in blocks of eight lanes, each lane with sums of its own: what a block reads past its row is
@@ -74,7 +74,9 @@ const bool counts = j < end;
 """
 
 
-def _snippet(dim: int, term: wp.Function, slope: wp.Function, force: bool, tilted: bool, signed: bool) -> str:
+def _snippet(
+    dim: int, term: wp.Function, drag: wp.Function | None, slope: wp.Function, force: bool, tilted: bool, signed: bool
+) -> str:
     """The native lines of one pair loop."""
     axes = range(dim)
     lines = [_LANES, "const int n = position.shape[1];"]
@@ -102,6 +104,9 @@ def _snippet(dim: int, term: wp.Function, slope: wp.Function, force: bool, tilte
         f"const float f = {term.native_func}(r, xu, w, a, a_j, c);",
     ]
     values = [f"f * x{k}" for k in axes] if force else ["f", "-w"]
+    if drag is not None:
+        lines.append(f"const float d = {drag.native_func}(r, xu, w, a, a_j, c);")
+        values = [f"{value} + d * {f'S{k} * ' * signed}u{k}" for k, value in enumerate(values)]
     lines += [f"{name}[lane] += counts ? {value} : 0.0f;" for name, value in zip(names, values, strict=True)]
     lines.append("}" * dim)
     lines += [f"for (int lane = 1; lane < lanes; ++lane) {name}[0] += {name}[lane];" for name in names]
@@ -112,7 +117,7 @@ def _snippet(dim: int, term: wp.Function, slope: wp.Function, force: bool, tilte
 @lru_cache
 def make_pair_loop(
     dim: int,
-    terms: tuple[wp.Function, ...],
+    terms: tuple[Term, ...],
     slope: wp.Function,
     force: bool,
     tilted: bool = True,
@@ -123,11 +128,11 @@ def make_pair_loop(
 
     Args:
         dim: Number of dimensions.
-        terms: Functions of a pair, see terms.py.
+        terms: The physics: DensityRate, or Force and Drag.
         slope: Warp function (r, Constants) -> W'(r)/r.
-        force: True returns the vector sum of f x (dim,); False returns (sum of f, sum of -slope).
+        force: True returns the vector sum of f x + d u (dim,), d from the Drags; False (sum of f, sum of -slope).
         tilted: Whether the affine part of the field is compiled in.
-        signed: Whether the products x_k u_k are multiplied by sign[k] (no-slip images).
+        signed: Whether each u_k is multiplied by sign[k] (no-slip images).
         plain: True makes the twin in plain Warp, the reference for tests.
 
     Returns:
@@ -137,16 +142,21 @@ def make_pair_loop(
     """
     vec = wp.types.vector(dim, wp.float32)
     result = vec if force else wp.vec2
-    term = total(terms)
+    drags = tuple(term.function for term in terms if isinstance(term, Drag))
+    term = total(tuple(term.function for term in terms if not isinstance(term, Drag)))
+    drag = total(drags) if drags else None
 
     @wp.func
     def emit_terms(c: Constants) -> float:
-        return term(0.0, 0.0, slope(0.0, c), 0.0, 0.0, c)
+        value = term(0.0, 0.0, slope(0.0, c), 0.0, 0.0, c)
+        if wp.static(drag is not None):
+            value += drag(0.0, 0.0, slope(0.0, c), 0.0, 0.0, c)
+        return value
 
     if plain:
-        return _plain_loop(dim, term, slope, force, tilted, signed), emit_terms
+        return _plain_loop(dim, term, drag, slope, force, tilted, signed), emit_terms
 
-    @wp.func_native(_snippet(dim, term, slope, force, tilted, signed))
+    @wp.func_native(_snippet(dim, term, drag, slope, force, tilted, signed))
     def pair_loop(
         X: vec,
         U: vec,
@@ -168,7 +178,7 @@ def make_pair_loop(
 
 
 def _plain_loop(
-    dim: int, term: wp.Function, slope: wp.Function, force: bool, tilted: bool, signed: bool
+    dim: int, term: wp.Function, drag: wp.Function | None, slope: wp.Function, force: bool, tilted: bool, signed: bool
 ) -> wp.Function:
     """The pair loop in plain Warp: every particle of every cell within reach, no rows cut."""
     vec = wp.types.vector(dim, wp.float32)
@@ -203,6 +213,7 @@ def _plain_loop(
                     cell = first_cell + (cz * grid.count[1] + cy) * grid.count[0] + cx
                     for j in range(bounds[cell], bounds[cell + 1]):
                         x = vec()
+                        u = vec()
                         xu = float(0.0)
                         a_j = field[j]
                         lowest = wp.min(a_j, 0.0)
@@ -210,10 +221,10 @@ def _plain_loop(
                             a_j += offset
                         for k in range(wp.static(dim)):
                             x[k] = X[k] - position[k, j]
-                            u_k = U[k] - velocity[k, j]
+                            u[k] = U[k] - velocity[k, j]
                             if wp.static(signed):
-                                u_k *= sign[k]
-                            xu += x[k] * u_k
+                                u[k] *= sign[k]
+                            xu += x[k] * u[k]
                             if wp.static(tilted):
                                 a_j += tilt[k] * x[k]
                         if wp.static(force and tilted):
@@ -223,6 +234,8 @@ def _plain_loop(
                         f = term(r, xu, w, a, a_j, c)
                         if wp.static(force):
                             sum += f * x
+                            if wp.static(drag is not None):
+                                sum += drag(r, xu, w, a, a_j, c) * u
                         else:
                             sum += wp.vec2(f, -w)
         return sum

@@ -24,12 +24,19 @@ class DensityRate:
 
 @dataclass(frozen=True)
 class Force:
-    """A term of du_i/dt [m/s2]: the sum over j of V function(...) x_ij."""
+    """A term of du_i/dt [m/s2] along the line of the pair: the sum over j of V function(...) x_ij."""
 
     function: wp.Function
 
 
-Term = DensityRate | Force
+@dataclass(frozen=True)
+class Drag:
+    """A term of du_i/dt [m/s2] along the pair's velocity: the sum over j of V function(...) u_ij."""
+
+    function: wp.Function
+
+
+Term = DensityRate | Force | Drag
 
 
 @wp.func

@@ -3,16 +3,33 @@
 import warp as wp
 
 from fluidgym.sph.constants import Constants
-from fluidgym.sph.terms import Force
+from fluidgym.sph.terms import Drag, Force
+
+
+@wp.func
+def artificial_viscosity(r: float, xu: float, slope: float, P_i: float, P_j: float, c: Constants) -> float:
+    """alpha h c_0 sum V (x_ij.u_ij)/(r^2 + eta^2) grad W (Monaghan & Gingold 1983).
+
+    It acts on pairs that part as on pairs that meet, and keeps angular momentum.
+    """
+    return c.artificial_viscosity * xu * slope / (r * r + c.eta_squared)
 
 
 @wp.func
 def viscosity_monaghan(r: float, xu: float, slope: float, P_i: float, P_j: float, c: Constants) -> float:
-    """K sum V (x_ij.u_ij)/(r^2 + eta^2) grad W, K = alpha h c_0 + 2 (dim + 2) nu (Monaghan & Gingold 1983).
+    """2 (dim + 2) nu sum V (x_ij.u_ij)/(r^2 + eta^2) grad W (Monaghan 2005, eq. 8.8).
 
-    It acts on pairs that part as on pairs that meet, and keeps angular momentum.
+    It keeps angular momentum; on a lattice at the default smoothing length it acts 12 % (2D) to 14 % (3D) too weak.
     """
-    return c.viscosity * xu * slope / (r * r + c.eta_squared)
+    return c.viscosity_monaghan * xu * slope / (r * r + c.eta_squared)
 
 
+@wp.func
+def viscosity_morris(r: float, xu: float, slope: float, P_i: float, P_j: float, c: Constants) -> float:
+    """2 nu sum V u_ij W'/r (Morris, Fox & Zhu 1997, eq. 22): the Laplacian of the velocity, true on a lattice."""
+    return 2.0 * c.viscosity * slope
+
+
+ARTIFICIAL_VISCOSITY = Force(artificial_viscosity)
 VISCOSITY_MONAGHAN = Force(viscosity_monaghan)
+VISCOSITY_MORRIS = Drag(viscosity_morris)
