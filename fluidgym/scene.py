@@ -7,9 +7,10 @@ dimensions, z in three.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from numbers import Integral, Real
 from typing import Any, Literal
 
 import numpy as np
@@ -22,10 +23,65 @@ AXES = "xyz"
 # Sound speed over the largest expected speed: keeps density variations near 1 % (Monaghan 1994).
 MACH_MARGIN = 10.0
 
+# Least sound speed over the largest expected speed: below it the density varies by more than about 4 %.
+LEAST_MACH_MARGIN = 5.0
+
 
 def face_names(dim: int) -> tuple[str, ...]:
     """Names of the faces of a box in array order: x_min, x_max, y_min, ... (2 * dim,)."""
     return tuple(f"{AXES[axis]}_{side}" for axis in range(dim) for side in ("min", "max"))
+
+
+def check_type(name: str, value: Any, kinds: Any, what: str, remedy: str) -> None:
+    """Refuse a value of a wrong type.
+
+    Args:
+        name: Of the field, as in the message.
+        value: The value.
+        kinds: Type or types that it may have.
+        what: Those types in words.
+        remedy: What to use.
+
+    Raises:
+        ValueError: It has none of the types.
+    """
+    if not isinstance(value, kinds):
+        raise ValueError(f"{name} = {_shown(value)} is not {what}; use {remedy}")
+
+
+def _shown(value: Any) -> str:
+    """A value as in a message: in one line."""
+    return " ".join(repr(value).split())
+
+
+def _check_choice(name: str, value: Any, choices: tuple[str, ...], remedy: str) -> None:
+    if not isinstance(value, str) or value not in choices:
+        raise ValueError(f"{name} = {_shown(value)} is unknown; use {remedy}")
+
+
+def _point(name: str, value: Any, unit: str, remedy: str) -> Point:
+    if not (np.iterable(value) and all(isinstance(component, Real) for component in value)):
+        raise ValueError(f"{name} = {_shown(value)} is not a sequence of numbers [{unit}]; {remedy}")
+    point = tuple(float(component) for component in value)
+    if not all(math.isfinite(component) for component in point):
+        raise ValueError(f"{name} = {point} must be finite; give numbers")
+    return point
+
+
+def _set_point(owner: Any, name: str, unit: str, remedy: str = "give one for each axis") -> None:
+    """Check a field of a frozen object and make it a tuple of floats."""
+    point = _point(f"{type(owner).__name__}.{name}", getattr(owner, name), unit, remedy)
+    object.__setattr__(owner, name, point)
+
+
+def _check_number(name: str, value: float, unit: str, above: float | None = None, least: float | None = None) -> None:
+    check_type(name, value, Real, "a number", f"one in {unit}")
+    if not math.isfinite(value):
+        raise ValueError(f"{name} = {value} {unit} must be finite; give a number")
+    if above is not None and value <= above:
+        raise ValueError(f"{name} = {value:g} {unit} must be greater than {above:g}; give a positive value")
+    if least is not None and value < least:
+        raise ValueError(f"{name} = {value:g} {unit} is below the limit {least:g}; use {least:g} or more")
 
 
 @dataclass(frozen=True)
@@ -37,27 +93,46 @@ class Face:
             "periodic" joins the face to its opposite.
         slip: "free" lets the fluid slide along the wall; "no" makes viscosity stick to it.
         moving: Whether the wall moves along its normal. Only walls can.
-        travel: Lowest and highest position of a moving wall [m]; None lets it go anywhere inside the box.
-        sliding: Velocity of the wall within its own plane [m/s], (dim,); felt by viscosity where slip is "no".
+        travel: Lowest and highest position of a moving wall [m], (2,); None lets it go anywhere inside the box.
+        start: Position of a moving wall at the start [m], inside its travel; None is the end of its travel on its own
+            side of the box: the lowest for a "min" face, the highest for a "max" face.
+        sliding: Velocity of the wall within its own plane [m/s], (dim,); only viscosity feels it, where slip is "no".
+
+    Raises:
+        ValueError: A field is of a wrong type, out of its limits, or of no effect beside the others.
     """
 
     kind: Literal["wall", "open", "periodic"] = "wall"
     slip: Literal["free", "no"] = "free"
     moving: bool = False
     travel: tuple[float, float] | None = None
+    start: float | None = None
     sliding: Point | None = None
 
     def __post_init__(self) -> None:
-        if self.kind not in ("wall", "open", "periodic"):
-            raise ValueError(f"Face.kind = {self.kind!r} is unknown; use 'wall', 'open' or 'periodic'")
-        if self.slip not in ("free", "no"):
-            raise ValueError(f"Face.slip = {self.slip!r} is unknown; use 'free' or 'no'")
-        if self.kind != "wall" and (self.moving or self.travel or self.sliding or self.slip == "no"):
+        _check_choice("Face.kind", self.kind, ("wall", "open", "periodic"), "'wall', 'open' or 'periodic'")
+        _check_choice("Face.slip", self.slip, ("free", "no"), "'free' or 'no'")
+        check_type("Face.moving", self.moving, (bool, np.bool_), "a bool", "True or False")
+        if self.travel is not None:
+            _set_point(self, "travel", "m", "give (lowest, highest)")
+        if self.start is not None:
+            _check_number("Face.start", self.start, "m")
+        if self.sliding is not None:
+            _set_point(self, "sliding", "m/s")
+        motion = (self.travel, self.start, self.sliding)
+        if self.kind != "wall" and (self.moving or motion != (None, None, None) or self.slip == "no"):
             raise ValueError(
                 f"Face.kind = {self.kind!r} takes no motion and no slip; only a 'wall' moves or holds the fluid"
             )
-        if self.travel is not None and not self.travel[0] < self.travel[1]:
+        if self.travel is not None and not (len(self.travel) == 2 and self.travel[0] < self.travel[1]):
             raise ValueError(f"Face.travel = {self.travel} m must rise; give (lowest, highest)")
+        for name in ("travel", "start"):
+            if getattr(self, name) is not None and not self.moving:
+                raise ValueError(
+                    f"Face.{name} = {getattr(self, name)} m is of no effect on a wall at rest; set moving=True"
+                )
+        if self.sliding is not None and self.slip != "no":
+            raise ValueError(f"Face.sliding = {self.sliding} m/s is of no effect on a wall of free slip; set slip='no'")
 
 
 WALL = Face()
@@ -72,6 +147,10 @@ class Box:
 
     lower: Point
     upper: Point
+
+    def __post_init__(self) -> None:
+        _set_point(self, "lower", "m")
+        _set_point(self, "upper", "m")
 
     def contains(self, points: np.ndarray) -> np.ndarray:
         """Which of the points (n, dim) [m] lie inside: bool (n,)."""
@@ -88,6 +167,10 @@ class Ball:
 
     center: Point
     radius: float
+
+    def __post_init__(self) -> None:
+        _set_point(self, "center", "m")
+        check_type("Ball.radius", self.radius, Real, "a number", "a positive one [m]")
 
     def contains(self, points: np.ndarray) -> np.ndarray:
         """Which of the points (n, dim) [m] lie inside: bool (n,)."""
@@ -106,6 +189,13 @@ class Region:
     predicate: PointFunction
     lower: Point
     upper: Point
+
+    def __post_init__(self) -> None:
+        check_type(
+            "Region.predicate", self.predicate, Callable, "a function", "one of points (n, dim) [m] -> bool (n,)"
+        )
+        _set_point(self, "lower", "m")
+        _set_point(self, "upper", "m")
 
     def contains(self, points: np.ndarray) -> np.ndarray:
         """Which of the points (n, dim) [m] lie inside: bool (n,)."""
@@ -132,8 +222,11 @@ class Fluid:
         shape: Where it is: a Box, a Ball or a Region.
         velocity: One velocity [m/s] (dim,), or a function of points (n, dim) [m] -> (n, dim); None is at rest.
         pressure: "hydrostatic" balances gravity below the top of the shape; "released" is that of a dam just gone: a
-            Box on the floor, held by a wall at its lower x and free at its upper x and on top; "none" starts at zero;
-            a function gives it at points (n, dim) [m] -> (n,) [Pa].
+            Box on the floor, held by the wall x_min and free at its upper x and on top; "none" starts at zero; a
+            function gives it at points (n, dim) [m] -> (n,) [Pa].
+
+    Raises:
+        ValueError: A field is of a wrong type or unknown.
     """
 
     shape: Shape
@@ -141,13 +234,12 @@ class Fluid:
     pressure: Literal["hydrostatic", "released", "none"] | PointFunction = "none"
 
     def __post_init__(self) -> None:
-        if not callable(self.pressure) and self.pressure not in ("hydrostatic", "released", "none"):
-            raise ValueError(
-                f"Fluid.pressure = {self.pressure!r} is unknown;"
-                " use 'hydrostatic', 'released', 'none' or a function of points"
-            )
+        check_type("Fluid.shape", self.shape, Shape, "a shape", "a Box, a Ball or a Region")
+        if not callable(self.pressure):
+            known = "'hydrostatic', 'released', 'none' or a function of points"
+            _check_choice("Fluid.pressure", self.pressure, ("hydrostatic", "released", "none"), known)
         if self.velocity is not None and not callable(self.velocity):
-            object.__setattr__(self, "velocity", _point("Fluid.velocity", self.velocity))
+            _set_point(self, "velocity", "m/s", "give one for each axis, or a function of points")
         if self.pressure == "released" and not isinstance(self.shape, Box):
             raise ValueError(
                 f"Fluid.pressure = 'released' is for a Box, not a {type(self.shape).__name__}; use 'hydrostatic'"
@@ -161,7 +253,11 @@ class Material:
     Attributes:
         density: Rest density rho_0 [kg/m3].
         viscosity: Kinematic viscosity nu [m2/s]; 0 leaves the viscous term to the scheme's artificial one.
-        sound_speed: Artificial speed of sound c_0 [m/s]; None takes ten times the scene's reference speed.
+        sound_speed: Artificial speed of sound c_0 [m/s], at least five times the largest speed expected in the scene;
+            None takes ten times that speed.
+
+    Raises:
+        ValueError: A field is of a wrong type or out of its limits.
     """
 
     density: float = 1000.0
@@ -231,8 +327,8 @@ class Scene:
 
     def __post_init__(self) -> None:
         set_ = object.__setattr__
-        set_(self, "lower", _point("Scene.lower", self.lower))
-        set_(self, "upper", _point("Scene.upper", self.upper))
+        _set_point(self, "lower", "m")
+        _set_point(self, "upper", "m")
         if len(self.lower) not in (2, 3) or len(self.lower) != len(self.upper):
             raise ValueError(
                 f"Scene.lower and Scene.upper have {len(self.lower)} and {len(self.upper)} components;"
@@ -244,15 +340,22 @@ class Scene:
                     f"Scene.upper {AXES[axis]} = {high:g} m must exceed Scene.lower {AXES[axis]} = {low:g} m"
                 )
         _check_number("Scene.particle_spacing", self.particle_spacing, "m", above=0.0)
+        check_type("Scene.material", self.material, Material, "a Material", "Material(density=1000.0)")
         set_(self, "gravity", self._gravity_vector(self.gravity))
         set_(self, "faces", self._all_faces(self.faces))
-        set_(self, "fluid", (self.fluid,) if isinstance(self.fluid, Fluid) else tuple(self.fluid))
+        self._check_motion()
+        set_(self, "fluid", self._all_bodies(self.fluid))
+        check_type("Scene.jitter", self.jitter, Real, "a number", "0 to 0.25")
         if not 0.0 <= self.jitter <= 0.5:
             raise ValueError(f"Scene.jitter = {self.jitter:g} is outside 0 to 0.5 spacings; use 0.25 or less")
+        check_type("Scene.seed", self.seed, Integral, "a whole number", "0 or more")
+        if self.seed < 0:
+            raise ValueError(f"Scene.seed = {self.seed} is below the limit 0; use 0 or more")
         if self.reference_speed is not None:
             _check_number("Scene.reference_speed", self.reference_speed, "m/s", above=0.0)
         for body in self.fluid:
             self._check_fluid(body)
+        self._check_sound_speed()
 
     @property
     def dim(self) -> int:
@@ -274,9 +377,23 @@ class Scene:
         """Artificial speed of sound c_0 [m/s]."""
         return self.material.sound_speed or MACH_MARGIN * self.speed_scale
 
-    @cached_property
+    @property
     def speed_scale(self) -> float:
-        """Largest speed expected [m/s]: the reference speed, given or estimated."""
+        """Largest speed expected [m/s]: the reference speed, given or estimated.
+
+        Raises:
+            ValueError: It is not given, and nothing moves or weighs from which to estimate it.
+        """
+        if not self._speed_estimate:
+            raise ValueError(
+                "Scene.reference_speed = None cannot be estimated without fluid that moves or weighs;"
+                " give the largest speed expected [m/s]"
+            )
+        return self._speed_estimate
+
+    @cached_property
+    def _speed_estimate(self) -> float:
+        """Largest speed expected [m/s]; 0 where nothing moves or weighs."""
         if self.reference_speed is not None:
             return self.reference_speed
         position, velocity = self.sample_motion()
@@ -287,12 +404,23 @@ class Scene:
             depth = -(position @ gravity) / g
             floor = -gravity / g @ np.where(gravity > 0, self.upper, self.lower)
             speed = max(speed, math.sqrt(g * (depth.max() - floor + 0.5 * self.particle_spacing)))
-        if not speed:
-            raise ValueError(
-                "Scene.reference_speed = None cannot be estimated without fluid that moves or weighs;"
-                " give the largest speed expected [m/s]"
-            )
         return speed
+
+    def face_travel(self) -> np.ndarray:
+        """Lowest and highest position of each face along its normal [m], (face, 2); the same twice where it rests."""
+        corners = np.stack([self.lower, self.upper], axis=1)
+        travel = np.repeat(corners.reshape(-1, 1), 2, axis=1)
+        for index, face in enumerate(self.faces.values()):
+            if face.moving:
+                travel[index] = face.travel or corners[index // 2]
+        return travel
+
+    def face_start_positions(self) -> np.ndarray:
+        """Position of each face along its normal at the start [m], (face,)."""
+        low, high = self.face_travel().T
+        corners = np.stack([self.lower, self.upper], axis=1).ravel()
+        given = [face.start for face in self.faces.values()]
+        return np.where([start is None for start in given], np.clip(corners, low, high), np.array(given, float))
 
     def sample_motion(self) -> tuple[np.ndarray, np.ndarray]:
         """Start positions [m] and velocities [m/s] on the lattice of the box, each (n, dim)."""
@@ -351,20 +479,20 @@ class Scene:
     def _gravity_vector(self, gravity: Point | float | None) -> Point:
         if gravity is None:
             gravity = 9.81
-        if isinstance(gravity, (int, float, np.number)):
+        if isinstance(gravity, Real):
             gravity = (0.0,) * (self.dim - 1) + (-float(gravity),)
-        gravity = _point("Scene.gravity", gravity)
+        gravity = _point("Scene.gravity", gravity, "m/s2", "give one for each axis, or one number for downwards")
         if len(gravity) != self.dim:
             raise ValueError(f"Scene.gravity = {gravity} m/s2 has {len(gravity)} components; give {self.dim}")
         return gravity
 
     def _all_faces(self, given: Mapping[str, Face]) -> dict[str, Face]:
+        check_type("Scene.faces", given, Mapping, "a mapping", "{'x_min': Face('wall')}")
         names = face_names(self.dim)
         for name in given:
             if name not in names:
                 raise ValueError(f"Scene.faces has no face {name!r}; use {', '.join(names)}")
-            if not isinstance(given[name], Face):
-                raise ValueError(f"Scene.faces[{name!r}] = {given[name]!r} is not a Face; use Face('wall')")
+            check_type(f"Scene.faces[{name!r}]", given[name], Face, "a Face", "Face('wall')")
         faces = {name: given.get(name, WALL) for name in names}
         for axis in range(self.dim):
             low, high = names[2 * axis], names[2 * axis + 1]
@@ -388,6 +516,44 @@ class Scene:
                     f"Scene.faces[{name!r}].sliding = {face.sliding} m/s must have {self.dim} components"
                     f" and none along {AXES[axis]}; a wall moves along its normal by moving=True"
                 )
+
+    def _check_motion(self) -> None:
+        """Refuse a wall that starts outside its travel, and two that could meet."""
+        travel, names = self.face_travel(), face_names(self.dim)
+        for name, (low, high), start in zip(names, travel, self.face_start_positions(), strict=True):
+            if not low <= start <= high:
+                raise ValueError(
+                    f"Scene.faces[{name!r}].start = {start:g} m is outside its travel {low:g} to {high:g} m;"
+                    " start inside, or widen the travel"
+                )
+        for low, high in zip(names[::2], names[1::2], strict=True):
+            highest, lowest = travel[names.index(low), 1], travel[names.index(high), 0]
+            if self.faces[low].moving and self.faces[high].moving and highest >= lowest:
+                raise ValueError(
+                    f"Scene.faces {low!r} travels up to {highest:g} m and {high!r} down to {lowest:g} m, so they can"
+                    " meet; give both a Face.travel that keeps them apart"
+                )
+
+    def _all_bodies(self, given: Fluid | Sequence[Fluid]) -> tuple[Fluid, ...]:
+        if isinstance(given, Fluid):
+            return (given,)
+        check_type("Scene.fluid", given, Iterable, "a Fluid or a list of them", "[Fluid(shape)], or [] for none")
+        bodies = tuple(given)
+        for index, body in enumerate(bodies):
+            check_type(f"Scene.fluid[{index}]", body, Fluid, "a Fluid", "Fluid(shape)")
+        return bodies
+
+    def _check_sound_speed(self) -> None:
+        given = self.material.sound_speed
+        if given is None:
+            return
+        speed = self._speed_estimate
+        if given < LEAST_MACH_MARGIN * speed:
+            raise ValueError(
+                f"Material.sound_speed = {given:g} m/s is below the limit {LEAST_MACH_MARGIN * speed:.3g} m/s,"
+                f" {LEAST_MACH_MARGIN:g} times the largest speed expected; use {MACH_MARGIN * speed:.3g} m/s"
+                f" ({MACH_MARGIN:g} times), or None for that"
+            )
 
     def _check_fluid(self, body: Fluid) -> None:
         low, high = body.shape.bounds()
@@ -418,11 +584,36 @@ class Scene:
                     f"Scene.fluid spans {AXES[axis]} = {low[axis]:g} to {high[axis]:g} m, outside the box"
                     f" {self.lower[axis]:g} to {self.upper[axis]:g} m; move the fluid or enlarge the box"
                 )
+            first, last = self.face_start_positions()[2 * axis : 2 * axis + 2]
+            if low[axis] < first - slack or high[axis] > last + slack:
+                raise ValueError(
+                    f"Scene.fluid spans {AXES[axis]} = {low[axis]:g} to {high[axis]:g} m, beyond the walls, which start"
+                    f" at {first:g} and {last:g} m; move the fluid, or a wall by Face.start"
+                )
         if not body.shape.contains(self._lattice(low, high)).any():
             raise ValueError(
                 f"Scene.fluid has a body with no lattice point at Scene.particle_spacing ="
                 f" {self.particle_spacing:g} m; use a smaller spacing or a larger body"
             )
+        if body.pressure == "released":
+            self._check_released(low)
+
+    def _check_released(self, low: np.ndarray) -> None:
+        """Refuse a dam, by its lower corner, that its pressure is not the solution for."""
+        gravity = self.gravity_vector
+        if gravity[:-1].any() or gravity[-1] > 0.0:
+            raise ValueError(
+                f"Fluid.pressure = 'released' needs gravity straight down, not Scene.gravity = {self.gravity} m/s2;"
+                " use 'hydrostatic'"
+            )
+        for axis in (0, self.dim - 1):
+            name, start = face_names(self.dim)[2 * axis], self.face_start_positions()[2 * axis]
+            if self.faces[name].kind != "wall" or abs(low[axis] - start) > 1e-6 * (self.upper[axis] - self.lower[axis]):
+                raise ValueError(
+                    f"Fluid.pressure = 'released' needs a Box held by a wall {name!r}: its {AXES[axis]} starts at"
+                    f" {low[axis]:g} m, the face is {self.faces[name].kind!r} at {start:g} m; move the Box or use"
+                    " 'hydrostatic'"
+                )
 
 
 def released_head(points: np.ndarray, width: float, height: float) -> np.ndarray:
@@ -443,22 +634,6 @@ def released_head(points: np.ndarray, width: float, height: float) -> np.ndarray
     x, y = points[:, :1], points[:, 1:]
     decay = (np.exp(-k * y) - np.exp(-k * (2.0 * height - y))) / (1.0 + np.exp(-2.0 * k * height))
     return (np.cos(k * x) * decay) @ amplitude
-
-
-def _point(name: str, value: Sequence[float]) -> Point:
-    point = tuple(float(component) for component in value)
-    if not all(math.isfinite(component) for component in point):
-        raise ValueError(f"{name} = {point} must be finite; give numbers")
-    return point
-
-
-def _check_number(name: str, value: float, unit: str, above: float | None = None, least: float | None = None) -> None:
-    if not math.isfinite(value):
-        raise ValueError(f"{name} = {value} {unit} must be finite; give a number")
-    if above is not None and value <= above:
-        raise ValueError(f"{name} = {value:g} {unit} must be greater than {above:g}; give a positive value")
-    if least is not None and value < least:
-        raise ValueError(f"{name} = {value:g} {unit} is below the limit {least:g}; use {least:g} or more")
 
 
 def _evaluate(name: str, given: Any, points: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:

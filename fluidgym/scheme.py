@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from numbers import Real
 
+from fluidgym.scene import check_type
 from fluidgym.sph.continuity import DENSITY_DIFFUSION, DIVERGENCE
 from fluidgym.sph.pressure import PRESSURE_GRADIENT
 from fluidgym.sph.smoothing import WENDLAND_C2, SmoothingKernel
@@ -13,9 +15,9 @@ from fluidgym.sph.terms import DensityRate, Drag, Force, Term
 from fluidgym.sph.viscosity import ARTIFICIAL_VISCOSITY, VISCOSITY_MORRIS
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Scheme:
-    """Weakly compressible delta-SPH with mirror-image walls.
+    """Weakly compressible delta-SPH with mirror-image walls. Its fields are given by name.
 
     Attributes:
         kernel: Smoothing kernel.
@@ -24,12 +26,13 @@ class Scheme:
         gamma: Exponent of TAIT.
         density_diffusion: delta of the density diffusion (Marrone et al. 2011); 0 leaves the term out.
         artificial_viscosity: alpha of the artificial viscosity; 0 leaves it out.
-        viscosity: Form of the fluid's own viscosity, VISCOSITY_MORRIS or VISCOSITY_MONAGHAN; left out where it has none.
+        viscosity: Form of the fluid's own viscosity, VISCOSITY_MORRIS or VISCOSITY_MONAGHAN; left out where there is
+            none.
         courant: Time step over h / (c_0 + largest expected speed).
         terms: Further terms, added to those the fields above imply.
 
     Raises:
-        ValueError: A field is out of its limits.
+        ValueError: A field is of a wrong type or out of its limits.
     """
 
     kernel: SmoothingKernel = WENDLAND_C2
@@ -51,9 +54,22 @@ class Scheme:
             "courant": (1e-6, 2.0, "1.0"),
         }
         for name, (low, high, advice) in limits.items():
+            if name == "smoothing_ratio" and self.smoothing_ratio is None:
+                continue
             value = getattr(self, name)
-            if value is not None and not low <= value <= high:
+            check_type(f"Scheme.{name}", value, Real, "a number", advice)
+            if not low <= value <= high:
                 raise ValueError(f"Scheme.{name} = {value:g} is outside {low:g} to {high:g}; use {advice}")
+        kinds = {
+            "kernel": (SmoothingKernel, "a SmoothingKernel", "WENDLAND_C2"),
+            "state_equation": (StateEquation, "a StateEquation", "LINEAR or TAIT"),
+            "viscosity": ((Force, Drag), "a Force or Drag", "VISCOSITY_MORRIS or VISCOSITY_MONAGHAN"),
+            "terms": (tuple, "a tuple", "(Force(function),)"),
+        }
+        for name, kind in kinds.items():
+            check_type(f"Scheme.{name}", getattr(self, name), *kind)
+        for index, term in enumerate(self.terms):
+            check_type(f"Scheme.terms[{index}]", term, Term, "a DensityRate, Force or Drag", "Force(function)")
 
     def smoothing_length(self, spacing: float, dim: int) -> float:
         """Smoothing length h [m] for a particle spacing [m]."""

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from fluidgym.controls import Controls
 from fluidgym.scene import AXES, Particles, Scene, face_names
 from fluidgym.scheme import DEFAULT_SCHEME, Scheme
 from fluidgym.sph.constants import Constants
-from fluidgym.sph.integrate import advance_faces, aim_faces, make_step
+from fluidgym.sph.integrate import advance_faces, aim_faces, make_step, shift_acceleration
 from fluidgym.sph.neighbors import make_gather, make_grid, order_by_cell, settle_order
 from fluidgym.state import ParticleArrays, State
 
@@ -49,6 +50,13 @@ def _quieten_warp() -> None:
         wp.config.log_level = wp.LOG_WARNING
 
 
+def _check_count(name: str, value: object) -> None:
+    if not isinstance(value, (int, np.integer)):
+        raise ValueError(f"Solver.{name} = {value!r} must be a whole number; use 1 or more")
+    if value < 1:
+        raise ValueError(f"Solver.{name} = {value} is below the limit 1; use 1 or more")
+
+
 class Solver:
     """Weakly compressible SPH of a scene, in many worlds at once.
 
@@ -58,11 +66,9 @@ class Solver:
         num_worlds: Number of worlds.
         capacity: Particles of each world.
         device: The Warp device.
-        max_step: Largest stable time step [s].
+        max_step: Time step of the scheme's courant number [s].
         time: Simulated time of each world since its reset [s], (world,).
-        face_velocity: Control. Velocity that each moving face is to have at the end of the next call of step or
-            advance [m/s], (world, face); it gets there at a constant acceleration.
-        gravity: Control. Acceleration [m/s2], (world, dim).
+        started: Number of particles of each world at its reset, (world,).
 
     Example:
         >>> solver = Solver(scene)
@@ -90,8 +96,11 @@ class Solver:
         Raises:
             ValueError: The device or a count is out of its limits.
         """
-        if num_worlds < 1:
-            raise ValueError(f"Solver.num_worlds = {num_worlds} is below the limit 1; use 1 or more")
+        if not isinstance(scene, Scene):
+            raise ValueError(f"Solver.scene = {scene!r} is not a Scene; make one with Scene(...)")
+        if not isinstance(scheme, Scheme):
+            raise ValueError(f"Solver.scheme = {scheme!r} is not a Scheme; make one with Scheme(...) or leave it out")
+        _check_count("num_worlds", num_worlds)
         self.scene, self.scheme, self.num_worlds = scene, scheme, num_worlds
         self.device = find_device(device)
         start = scene.sample()
@@ -102,18 +111,22 @@ class Solver:
         dim = scene.dim
         self.state = State(dim, num_worlds, self.capacity, self.device)
         self._bounds = wp.zeros(num_worlds * self._grid.stride + 2, dtype=int, device=self.device)
-        self._travel = wp.array(self._face_travel(), dtype=float, device=self.device)
+        self._travel = wp.array(scene.face_travel(), dtype=float, device=self.device)
         self._constants = wp.zeros(num_worlds, dtype=_CONSTANTS, device=self.device)
         self._constants_at_rest = wp.zeros(num_worlds, dtype=_CONSTANTS, device=self.device)
-        self.gravity = np.tile(scene.gravity_vector.astype(np.float32), (num_worlds, 1))
-        self.face_velocity = np.zeros((num_worlds, 2 * dim), np.float32)
+        self._controls = Controls(scene, num_worlds)
         self._gravity = wp.array(self.gravity, dtype=float, device=self.device)
+        self._felt_gravity = self.gravity.copy()  # what the accelerations at hand were found with
+        self._gravity_change = wp.zeros((num_worlds, dim), dtype=float, device=self.device)
         self._face_target = wp.zeros((num_worlds, 2 * dim), dtype=float, device=self.device)
         self._step_size = self.max_step
         self._write_constants()
         self.time = np.zeros(num_worlds)
+        self.started = np.zeros(num_worlds, int)
+        self._start_counts = np.zeros(num_worlds, int)
         self._graphs: dict[int, Any] = {}
-        self._set_face_starts()
+        self._face_starts = scene.face_start_positions()
+        self._place_faces()
         self.set_start(range(num_worlds), [start] * num_worlds)
         self.reset()
 
@@ -123,7 +136,10 @@ class Solver:
         material = scene.material
         h = scheme.smoothing_length(scene.particle_spacing, scene.dim)
         c_0 = scene.sound_speed
-        viscosity = material.viscosity + scheme.artificial_viscosity * h * c_0 / (2 * (scene.dim + 2))
+        # The fluid's own viscosity counts towards alpha; the artificial one makes up what is missing.
+        own = 2 * (scene.dim + 2) * material.viscosity
+        artificial = max(0.0, scheme.artificial_viscosity * h * c_0 - own)
+        viscosity = (own + artificial) / (2 * (scene.dim + 2))
         gravity = float(np.linalg.norm(scene.gravity_vector))
         sigma = scheme.kernel.sigma(scene.dim) / h**scene.dim
         self.max_step = scheme.time_step(h, c_0, scene.speed_scale, viscosity, gravity)
@@ -142,9 +158,9 @@ class Solver:
             "inv_c_0_squared": 1.0 / c_0**2,
             "gamma": scheme.gamma,
             "diffusion": 2.0 * scheme.density_diffusion * h * c_0,
-            "artificial_viscosity": scheme.artificial_viscosity * h * c_0,
+            "artificial_viscosity": artificial,
             "viscosity": material.viscosity,
-            "viscosity_monaghan": 2 * (scene.dim + 2) * material.viscosity,
+            "viscosity_monaghan": own,
             "eta_squared": 0.01 * h * h,
         }
 
@@ -178,23 +194,12 @@ class Solver:
         search = self._values["support"] + self._values["skin"]
         self._grid = make_grid(np.asarray(scene.lower), np.asarray(scene.upper), search)
 
-    def _face_travel(self) -> np.ndarray:
-        """Lowest and highest position of each face [m], (face, 2)."""
-        travel = []
-        for index, name in enumerate(face_names(self.scene.dim)):
-            face, axis = self.scene.faces[name], index // 2
-            at = (self.scene.lower, self.scene.upper)[index % 2][axis]
-            inside = (self.scene.lower[axis], self.scene.upper[axis])
-            travel.append((face.travel or inside) if face.moving else (at, at))
-        return np.asarray(travel)
-
-    def _set_face_starts(self) -> None:
-        dim, travel = self.scene.dim, self._face_travel()
-        corners = np.stack([self.scene.lower, self.scene.upper], axis=1).ravel()
-        position = np.clip(corners, travel[:, 0], travel[:, 1])
+    def _place_faces(self) -> None:
+        """Put the faces at their start."""
+        dim = self.scene.dim
         sliding = [self.scene.faces[name].sliding or (0.0,) * dim for name in face_names(dim)]
         for faces in (self.state.faces, self.state.faces_middle, self.state.faces_start):
-            faces.position.assign(np.tile(position, (self.num_worlds, 1)))
+            faces.position.assign(np.tile(self._face_starts, (self.num_worlds, 1)))
             faces.sliding.assign(np.tile(np.asarray(sliding), (self.num_worlds, 1, 1)))
 
     def _write_constants(self) -> None:
@@ -216,40 +221,81 @@ class Solver:
             starts: The particles of each: at most `capacity`; position, velocity and pressure count.
 
         Raises:
-            ValueError: A start has too many particles.
+            ValueError: A start is not finite, has too many particles, or one outside the box.
         """
-        start_arrays = self.state.start.arrays()
-        host = {name: array.numpy().copy() for name, array in start_arrays.items()}
-        rest_pressure = self.scene.material.density * self.scene.sound_speed**2
-        for world, start in zip(worlds, starts, strict=True):
-            n, first = len(start), world * self.capacity
-            if n > self.capacity:
-                raise ValueError(f"start has {n} particles, limit {self.capacity}; make the solver with a larger scene")
-            if not (np.isfinite(start.position).all() and np.isfinite(start.velocity).all()):
-                raise ValueError(f"start of world {world} has a position or velocity that is not finite; give numbers")
-            host["position"][:, first : first + n] = start.position.T
-            host["velocity"][:, first : first + n] = start.velocity.T
-            host["density_error"][first : first + n] = self.scheme.state_equation.density_of(
-                start.pressure / rest_pressure, self.scheme.gamma
+        numbers = np.asarray(worlds, int).reshape(-1)
+        wrong = numbers[(numbers < 0) | (numbers >= self.num_worlds)]
+        if len(wrong) or len(numbers) != len(starts):
+            raise ValueError(
+                f"Solver.set_start worlds = {numbers.tolist()} for {len(starts)} starts; give each start"
+                f" one world of 0 to {self.num_worlds - 1}"
             )
-            host["identity"][first : first + n] = np.arange(n)
-            host["identity"][first + n : first + self.capacity] = -1 - np.arange(n, self.capacity)
-        for name, array in start_arrays.items():
+        if not len(numbers):
+            return
+        batch = ParticleArrays(self.scene.dim, len(numbers) * self.capacity, self.device)
+        host = {name: np.zeros(array.shape, array.numpy().dtype) for name, array in batch.arrays().items()}
+        for index, start in enumerate(starts):
+            s = self._start_density_error(start, numbers[index])
+            slots = slice(index * self.capacity, index * self.capacity + len(start))
+            host["position"][:, slots], host["velocity"][:, slots] = start.position.T, start.velocity.T
+            host["density_error"][slots] = s
+            places = np.arange(self.capacity)
+            identity = np.where(places < len(start), places, -1 - places)
+            host["identity"][index * self.capacity : (index + 1) * self.capacity] = identity
+        for name, array in batch.arrays().items():
             array.assign(host[name])
-        self._prime()
+        self._prime(batch, len(numbers))
+        self.state.set_start(numbers, batch)
+        self._start_counts[numbers] = [len(start) for start in starts]
 
-    def _prime(self) -> None:
-        """Put every start in cell order and find its accelerations, as a step of no time does."""
-        start, faces = self.state.start, self.state.faces_start
-        start.acceleration.zero_()
+    def _start_density_error(self, start: Particles, world: int) -> np.ndarray:
+        """rho/rho_0 - 1 of the particles of a start (n,), all of it checked."""
+        n, scene = len(start), self.scene
+        if n > self.capacity:
+            raise ValueError(f"start has {n} particles, limit {self.capacity}; make the solver with a larger scene")
+        for name, values, shape in (
+            ("position", start.position, (n, scene.dim)),
+            ("velocity", start.velocity, (n, scene.dim)),
+            ("pressure", start.pressure, (n,)),
+        ):
+            if values.shape != shape:
+                raise ValueError(f"start of world {world}: {name} has shape {values.shape}, limit {shape}; mend it")
+            if not np.isfinite(values).all():
+                raise ValueError(f"start of world {world}: {name} is not finite; give numbers")
+        faces = self._face_starts.reshape(-1, 2)
+        outside = (start.position < faces[:, 0]) | (start.position > faces[:, 1])
+        if outside.any():
+            particle, axis = np.argwhere(outside)[0]
+            raise ValueError(
+                f"start of world {world}: particle {particle} at {AXES[axis]} = {start.position[particle, axis]:g} m is"
+                f" outside the box {faces[axis, 0]:g} to {faces[axis, 1]:g} m; move it inside"
+            )
+        unit = scene.material.density * scene.sound_speed**2
+        with np.errstate(invalid="ignore"):
+            s = self.scheme.state_equation.density_of(start.pressure / unit, self.scheme.gamma)
+        if not (np.isfinite(s) & (s > -1.0)).all():
+            raise ValueError(
+                f"start of world {world}: pressure {start.pressure.min():g} Pa is below what"
+                f" {self.scheme.state_equation.name} can hold at a sound speed of {scene.sound_speed:g} m/s; raise it"
+            )
+        return s
+
+    def _prime(self, batch: ParticleArrays, count: int) -> None:
+        """Put starts in cell order and find their accelerations, as a step of no time does.
+
+        Every world has the same faces, gravity and constants at its start, so the first `count` stand for any.
+        """
+        faces, unused = self.state.faces_start, wp.zeros(self.num_worlds, dtype=int, device=self.device)
         self._gravity.assign(np.tile(self.scene.gravity_vector, (self.num_worlds, 1)))
-        self._sort(start, faces, self._constants_at_rest)
-        # The density goes to scratch: a start is primed again whenever another world gets a new one.
-        self._sweep(start, faces, faces, self._constants_at_rest, density_out=self.state.reduced_pressure)
-        start.density_error.assign(self.state.sorted.density_error)
+        self._sort(batch, faces, self._constants_at_rest, unused, count)
+        # The spray rule must not touch the density of a start, so what the sweep makes of it goes to scratch.
+        scratch = self.state.reduced_pressure
+        self._sweep(batch, faces, faces, self._constants_at_rest, unused, count, density_out=scratch)
+        slots = count * self.capacity
+        wp.copy(batch.density_error, self.state.sorted.density_error, count=slots)
 
     def reset(self, mask: np.ndarray | None = None) -> None:
-        """Put worlds back to their start.
+        """Put worlds back to their start, their faces at rest and the scene's gravity on.
 
         Args:
             mask: Which worlds, bool (world,); None is all.
@@ -260,34 +306,47 @@ class Solver:
         mask = np.ones(self.num_worlds, bool) if mask is None else np.asarray(mask, bool)
         if mask.shape != (self.num_worlds,):
             raise ValueError(f"Solver.reset mask has shape {mask.shape}, limit ({self.num_worlds},); one bool a world")
-        self.state.reset(mask)
+        if mask.any():
+            self.state.reset(np.flatnonzero(mask))
         self.time[mask] = 0.0
-        self.face_velocity[mask] = 0.0
+        self.started[mask] = self._start_counts[mask]
+        self._controls.reset(mask)
+        self._felt_gravity[mask] = self.scene.gravity_vector
 
     # -- stepping ------------------------------------------------------------------------------------------------
 
     def advance(self, duration: float) -> None:
         """Go on by a duration [s], in equal steps no longer than `max_step`."""
-        if not (math.isfinite(duration) and duration > 0.0):
-            raise ValueError(f"Solver.advance duration = {duration} s must be positive and finite")
-        n = max(1, math.ceil(duration / self.max_step - 1e-9))
+        n = self.steps_for(duration)
         self.step(n, duration / n)
+
+    def steps_for(self, duration: float) -> int:
+        """Number of equal steps in which `advance` goes on by a duration [s].
+
+        Raises:
+            ValueError: The duration is not a positive number.
+        """
+        if not (isinstance(duration, (int, float, np.number)) and math.isfinite(duration) and duration > 0.0):
+            raise ValueError(f"Solver.advance duration = {duration!r} s must be positive and finite; use 0.01 or so")
+        return max(1, math.ceil(duration / self.max_step - 1e-9))
 
     def step(self, n: int = 1, dt: float | None = None) -> None:
         """Go on by n steps of dt [s]; None is `max_step`.
 
         Raises:
-            ValueError: n is below one, or dt longer than 1.5 times `max_step`, where the scheme is no longer stable.
+            ValueError: n is below one, dt longer than 1.5 times `max_step`, where the scheme is no longer stable, or a
+                control is out of its limits; nothing has happened then.
         """
-        if n < 1:
-            raise ValueError(f"Solver.step n = {n} is below the limit 1; use 1 or more")
+        _check_count("step n", n)
         dt = self.max_step if dt is None else dt
         if not 0.0 < dt <= 1.5 * self.max_step:
             raise ValueError(f"Solver.step dt = {dt:g} s is outside 0 to {1.5 * self.max_step:g} s; use max_step")
+        # A body force sets a limit to the step, and so the step one to the force: 0.5 sqrt(h/g).
+        self._controls.check(strongest=0.25 * self._values["h"] / dt**2, fastest=self.scene.sound_speed)
         if dt != self._step_size:
             self._step_size = dt
             self._write_constants()
-        self._gravity.assign(self.gravity)
+        self._apply_gravity()
         if self._moving:
             self._face_target.assign(self.face_velocity)
             faces = self.state.faces
@@ -296,6 +355,23 @@ class Solver:
             for first in range(0, n, STEPS_PER_GRAPH):
                 wp.capture_launch(self._graph(min(STEPS_PER_GRAPH, n - first)))
         self.time += n * dt
+
+    def _apply_gravity(self) -> None:
+        """Hand the gravity to the device, and mend the accelerations at hand, which begin the next step."""
+        self._gravity.assign(self.gravity)
+        change = self.gravity - self._felt_gravity
+        if not change.any():
+            return
+        self._gravity_change.assign(change)
+        inputs = [self.capacity, self._gravity_change]
+        wp.launch(
+            shift_acceleration,
+            self.num_worlds * self.capacity,
+            inputs,
+            [self.state.now.acceleration],
+            device=self.device,
+        )
+        self._felt_gravity[...] = self.gravity
 
     def _graph(self, n: int) -> Any:
         """The captured launches of n steps."""
@@ -315,27 +391,35 @@ class Solver:
             if self._moving:
                 inputs = [self._constants, self._travel, middle, state.faces]
                 wp.launch(advance_faces, state.faces.position.shape, inputs, device=self.device)
-            self._sort(state.now, middle, self._constants)
-            self._sweep(state.now, middle, state.faces, self._constants, density_out=state.now.density_error)
+            self._sort(state.now, middle, self._constants, state.clamped, self.num_worlds)
+            self._sweep(
+                state.now,
+                middle,
+                state.faces,
+                self._constants,
+                state.clamped,
+                self.num_worlds,
+                density_out=state.now.density_error,
+            )
 
-    def _sort(self, particles: ParticleArrays, faces: Any, constants: wp.array) -> None:
+    def _sort(
+        self, particles: ParticleArrays, faces: Any, constants: wp.array, clamped: wp.array, num_worlds: int
+    ) -> None:
         """Kick and drift to the middle of the step, then put the particles in cell order."""
-        state, slots = self.state, self.num_worlds * self.capacity
-        self._bounds.zero_()
+        state, slots, cells = self.state, num_worlds * self.capacity, num_worlds * self._grid.stride
+        bounds = self._bounds if num_worlds == self.num_worlds else self._bounds[: cells + 2]
+        bounds.zero_()
         wp.launch(
             self._kernels.drift,
             dim=slots,
             inputs=[self.capacity, constants, self._grid, faces, particles.acceleration],
-            outputs=[
-                particles.position, particles.velocity, particles.identity, state.key, self._bounds, state.clamped,
-            ],
+            outputs=[particles.position, particles.velocity, particles.identity, state.key, bounds, clamped],
             device=self.device,
-        )  # fmt: skip
-        wp.utils.array_scan(self._bounds, self._bounds, inclusive=True)
-        wp.launch(order_by_cell, slots, [state.key, self._bounds, state.order], device=self.device)
+        )
+        wp.utils.array_scan(bounds, bounds, inclusive=True)
+        wp.launch(order_by_cell, slots, [state.key, bounds, state.order], device=self.device)
         if self.device.is_cuda:
-            cells = self.num_worlds * self._grid.stride
-            wp.launch(settle_order, cells, [self._bounds, state.order], device=self.device)
+            wp.launch(settle_order, cells, [self._grid.stride, bounds, state.order], device=self.device)
         source, target = particles, state.sorted
         wp.launch(
             self._gather,
@@ -346,16 +430,23 @@ class Solver:
         )
 
     def _sweep(
-        self, particles: ParticleArrays, middle: Any, end: Any, constants: wp.array, density_out: wp.array
+        self,
+        particles: ParticleArrays,
+        middle: Any,
+        end: Any,
+        constants: wp.array,
+        clamped: wp.array,
+        num_worlds: int,
+        density_out: wp.array,
     ) -> None:
         """The two sweeps over pairs, from the sorted arrays back into the particles'."""
-        state, half, slots = self.state, self.state.sorted, self.num_worlds * self.capacity
+        state, half, slots = self.state, self.state.sorted, num_worlds * self.capacity
         shared = [self.capacity, constants, self._gravity, self._grid, self._bounds]
         wp.launch(
             self._kernels.advance_density,
             dim=slots,
             inputs=[*shared, middle, end, half.position, half.velocity, half.density_error, half.identity],
-            outputs=[particles.position, density_out, particles.identity, state.reduced_pressure, state.clamped],
+            outputs=[particles.position, density_out, particles.identity, state.reduced_pressure, clamped],
             device=self.device,
         )
         wp.launch(
@@ -367,6 +458,27 @@ class Solver:
         )
 
     # -- what there is to read -----------------------------------------------------------------------------------
+
+    @property
+    def gravity(self) -> np.ndarray:
+        """Control: acceleration [m/s2], (world, dim)."""
+        return self._controls.gravity
+
+    @gravity.setter
+    def gravity(self, value: Any) -> None:
+        self._controls.gravity = value
+
+    @property
+    def face_velocity(self) -> np.ndarray:
+        """Control: velocity of each moving face at the end of the next call of step or advance [m/s], (world, face).
+
+        A face gets there at a constant acceleration.
+        """
+        return self._controls.face_velocity
+
+    @face_velocity.setter
+    def face_velocity(self, value: Any) -> None:
+        self._controls.face_velocity = value
 
     def particles(self, world: int = 0) -> Particles:
         """The particles of a world that are still in the box, in order of identity.
@@ -408,10 +520,29 @@ class Solver:
         return names.index(name)
 
     def save(self) -> dict[str, np.ndarray]:
-        """All that the future of the worlds depends on, as NumPy arrays."""
-        return self.state.snapshot() | {"time": self.time.copy()}
+        """All that the future of the worlds depends on, controls included, as NumPy arrays."""
+        return self.state.snapshot() | {
+            "time": self.time.copy(),
+            "started": self.started.copy(),
+            "gravity_control": self.gravity.copy(),
+            "gravity_felt": self._felt_gravity.copy(),
+            "face_velocity_control": self.face_velocity.copy(),
+        }
 
     def restore(self, saved: Mapping[str, np.ndarray]) -> None:
-        """Put back what `save` gave."""
+        """Put back what `save` gave, of a solver with the same scene, scheme and number of worlds.
+
+        Raises:
+            ValueError: Something is missing or has another shape; nothing has happened then.
+        """
+        for name, array in self.save().items():
+            shape = np.shape(saved[name]) if name in saved else None
+            if shape != array.shape:
+                raise ValueError(
+                    f"Solver.restore {name} has shape {shape}, limit {array.shape};"
+                    " restore into a solver of the same scene and number of worlds"
+                )
         self.state.restore(dict(saved))
-        self.time = saved["time"].copy()
+        self.time, self.started = saved["time"].copy(), saved["started"].copy()
+        self.gravity, self.face_velocity = saved["gravity_control"], saved["face_velocity_control"]
+        self._felt_gravity = saved["gravity_felt"].copy()

@@ -24,20 +24,20 @@ class Faces:
 
 
 class ParticleArrays:
-    """The arrays that are a particle: position, velocity, density error, identity, acceleration."""
+    """The arrays that are particles: position, velocity, density error, identity, and acceleration where it is kept."""
 
-    FIELDS = ("position", "velocity", "density_error", "identity", "acceleration")
-
-    def __init__(self, dim: int, slots: int, device: wp.Device):
-        self.position = wp.zeros((dim, slots), dtype=float, device=device)
-        self.velocity = wp.zeros((dim, slots), dtype=float, device=device)
-        self.density_error = wp.zeros(slots, dtype=float, device=device)
-        self.identity = wp.zeros(slots, dtype=int, device=device)
-        self.acceleration = wp.zeros((dim, slots), dtype=float, device=device)
+    def __init__(self, dim: int, slots: int, device: wp.Device, acceleration: bool = True):
+        """Room for so many slots, and the padding behind them."""
+        padded = slots + PADDING
+        self.position = wp.zeros((dim, padded), dtype=float, device=device)
+        self.velocity = wp.zeros((dim, padded), dtype=float, device=device)
+        self.density_error = wp.zeros(padded, dtype=float, device=device)
+        self.identity = wp.zeros(padded, dtype=int, device=device)
+        self.acceleration = wp.zeros((dim, padded if acceleration else 0), dtype=float, device=device)
 
     def arrays(self) -> dict[str, wp.array]:
         """All arrays by name."""
-        return {name: getattr(self, name) for name in self.FIELDS}
+        return dict(vars(self))
 
 
 def make_faces(dim: int, num_worlds: int, device: wp.Device) -> Faces:
@@ -57,31 +57,43 @@ def face_arrays(faces: Faces) -> dict[str, wp.array]:
 
 
 @wp.kernel(module="fluidgym.state", enable_backward=False)
-def copy_rows(mask: wp.array[wp.bool], capacity: int, source: wp.array2d[float], target: wp.array2d[float]):
-    """Copy the slots of the worlds in the mask, row by row."""
-    row, slot = wp.tid()
-    if mask[slot // capacity]:
-        target[row, slot] = source[row, slot]
+def copy_numbers(
+    sources: wp.array[int], targets: wp.array[int], size: int, source: wp.array2d[float], target: wp.array2d[float]
+):
+    """Copy worlds of `size` columns each to worlds, row by row."""
+    row, i = wp.tid()
+    n = i // size
+    target[row, targets[n] * size + i % size] = source[row, sources[n] * size + i % size]
 
 
 @wp.kernel(module="fluidgym.state", enable_backward=False)
-def copy_integers(mask: wp.array[wp.bool], capacity: int, source: wp.array2d[int], target: wp.array2d[int]):
-    """Copy the slots of the worlds in the mask."""
-    row, slot = wp.tid()
-    if mask[slot // capacity]:
-        target[row, slot] = source[row, slot]
+def copy_integers(
+    sources: wp.array[int], targets: wp.array[int], size: int, source: wp.array2d[int], target: wp.array2d[int]
+):
+    """Copy worlds of `size` columns each to worlds, row by row."""
+    row, i = wp.tid()
+    n = i // size
+    target[row, targets[n] * size + i % size] = source[row, sources[n] * size + i % size]
 
 
-def copy_worlds(mask: wp.array, capacity: int, source: wp.array, target: wp.array) -> None:
-    """Copy what belongs to the worlds in the mask (world,) from one array to another of the same shape.
+def copy_worlds(sources: np.ndarray, targets: np.ndarray, size: int, source: wp.array, target: wp.array) -> None:
+    """Copy worlds from one array to another.
 
-    The last axis is the slot; capacity is the number of slots of a world.
+    Args:
+        sources: Numbers of the worlds to read, (n,).
+        targets: Numbers of the worlds to write, (n,).
+        size: Columns of a world: the last axis of both arrays is world * size + column.
+        source: Read.
+        target: Written.
     """
     rows = source if source.ndim == 2 else source.reshape((1, source.shape[0]))
     target = target if target.ndim == 2 else target.reshape((1, target.shape[0]))
-    kernel = copy_integers if source.dtype is wp.int32 else copy_rows
-    shape = (rows.shape[0], mask.shape[0] * capacity)
-    wp.launch(kernel, dim=shape, inputs=[mask, capacity, rows], outputs=[target], device=source.device)
+    worlds = [
+        wp.array(np.asarray(numbers, np.int32), dtype=int, device=source.device) for numbers in (sources, targets)
+    ]
+    kernel = copy_integers if source.dtype is wp.int32 else copy_numbers
+    shape = (rows.shape[0], len(sources) * size)
+    wp.launch(kernel, dim=shape, inputs=[*worlds, size, rows], outputs=[target], device=source.device)
 
 
 class State:
@@ -100,11 +112,10 @@ class State:
     def __init__(self, dim: int, num_worlds: int, capacity: int, device: wp.Device):
         self.dim, self.num_worlds, self.capacity, self.device = dim, num_worlds, capacity, device
         slots = num_worlds * capacity
-        padded = slots + PADDING
-        self.now = ParticleArrays(dim, padded, device)
-        self.start = ParticleArrays(dim, padded, device)
-        self.sorted = ParticleArrays(dim, padded, device)
-        self.reduced_pressure = wp.zeros(padded, dtype=float, device=device)
+        self.now = ParticleArrays(dim, slots, device)
+        self.start = ParticleArrays(dim, slots, device)
+        self.sorted = ParticleArrays(dim, slots, device, acceleration=False)
+        self.reduced_pressure = wp.zeros(slots + PADDING, dtype=float, device=device)
         self.key = wp.zeros(slots, dtype=int, device=device)
         self.order = wp.zeros(slots, dtype=int, device=device)
         self.faces = make_faces(dim, num_worlds, device)
@@ -112,27 +123,31 @@ class State:
         self.faces_start = make_faces(dim, num_worlds, device)
         self.clamped = wp.zeros(num_worlds, dtype=int, device=device)
 
-    def reset(self, mask: np.ndarray) -> None:
-        """Copy the start of the worlds in the mask (world,) over their present."""
-        chosen = wp.array(mask, dtype=wp.bool, device=self.device)
+    def set_start(self, worlds: np.ndarray, batch: ParticleArrays) -> None:
+        """Make the worlds of a batch the start of the worlds of these numbers (n,)."""
+        for name, source in batch.arrays().items():
+            copy_worlds(np.arange(len(worlds)), worlds, self.capacity, source, getattr(self.start, name))
+
+    def reset(self, worlds: np.ndarray) -> None:
+        """Copy the start of the worlds of these numbers (n,) over their present."""
         for name, source in self.start.arrays().items():
-            copy_worlds(chosen, self.capacity, source, getattr(self.now, name))
+            copy_worlds(worlds, worlds, self.capacity, source, getattr(self.now, name))
         for name, source in face_arrays(self.faces_start).items():
-            columns = source.shape[1]
-            flat = source.reshape((source.size,))
-            copy_worlds(chosen, columns, flat, getattr(self.faces, name).reshape((source.size,)))
-            copy_worlds(chosen, columns, flat, getattr(self.faces_middle, name).reshape((source.size,)))
-        clamped = self.clamped.numpy()
-        self.clamped.assign(np.where(mask, 0, clamped))
+            flat = (source.size,)
+            for faces in (self.faces, self.faces_middle):
+                target = getattr(faces, name).reshape(flat)
+                copy_worlds(worlds, worlds, source.shape[1], source.reshape(flat), target)
+        nothing = wp.zeros(self.num_worlds, dtype=int, device=self.device)
+        copy_worlds(worlds, worlds, 1, nothing, self.clamped)
 
     def snapshot(self) -> dict[str, np.ndarray]:
-        """The present of all worlds as NumPy arrays: all that a later step depends on."""
+        """The present of all worlds as NumPy arrays."""
         saved = {name: array.numpy().copy() for name, array in self.now.arrays().items()}
         faces = face_arrays(self.faces)
         return saved | {f"face_{name}": array.numpy().copy() for name, array in faces.items()}
 
     def restore(self, saved: dict[str, np.ndarray]) -> None:
-        """Put a snapshot back."""
+        """Put a snapshot back, as it came."""
         for name, array in self.now.arrays().items():
             array.assign(saved[name])
         for name, array in face_arrays(self.faces).items():

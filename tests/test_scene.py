@@ -218,6 +218,21 @@ def test_face_not_named_is_a_free_slip_wall():
     assert face_names(3)[4:] == ("z_min", "z_max")
 
 
+def test_moving_wall_starts_at_the_end_of_its_travel_on_its_own_side():
+    apart = {"x_min": Face(moving=True, travel=(0.0, 0.4)), "x_max": Face(moving=True, travel=(1.2, 1.7))}
+    scene = make_scene(faces=apart | {"y_max": Face(moving=True)})
+    np.testing.assert_array_equal(scene.face_travel(), [(0.0, 0.4), (1.2, 1.7), (0.0, 0.0), (0.0, 1.0)])
+    np.testing.assert_array_equal(scene.face_start_positions(), [0.0, 1.7, 0.0, 1.0])
+
+
+def test_moving_wall_starts_where_it_is_told():
+    dam = Fluid(Box((0.4, 0.0), (1.0, 0.5)), pressure="released")
+    faces = {"x_min": Face(moving=True, travel=(0.0, 0.5), start=0.4), "y_max": Face(moving=True, start=0.6)}
+    scene = make_scene(faces=faces, fluid=dam)
+    np.testing.assert_array_equal(scene.face_start_positions(), [0.4, 2.0, 0.0, 0.6])
+    assert scene.sample().pressure.any()
+
+
 def test_scene_is_frozen():
     with pytest.raises(dataclasses.FrozenInstanceError):
         make_scene().particle_spacing = 0.2
@@ -311,6 +326,102 @@ BAD_SCENES = {
         {"reference_speed": 0.0},
         "Scene.reference_speed = 0 m/s must be greater than 0; give a positive value",
     ),
+    "corner of one number": (
+        {"lower": 0.0},
+        "Scene.lower = 0.0 is not a sequence of numbers [m]; give one for each axis",
+    ),
+    "corner of words": (
+        {"upper": ("2", "1")},
+        "Scene.upper = ('2', '1') is not a sequence of numbers [m]; give one for each axis",
+    ),
+    "spacing in words": (
+        {"particle_spacing": "0.05"},
+        "Scene.particle_spacing = '0.05' is not a number; use one in m",
+    ),
+    "gravity in words": (
+        {"gravity": "9.81"},
+        "Scene.gravity = '9.81' is not a sequence of numbers [m/s2];"
+        " give one for each axis, or one number for downwards",
+    ),
+    "density for a material": (
+        {"material": 1000.0},
+        "Scene.material = 1000.0 is not a Material; use Material(density=1000.0)",
+    ),
+    "no fluid": (
+        {"fluid": None},
+        "Scene.fluid = None is not a Fluid or a list of them; use [Fluid(shape)], or [] for none",
+    ),
+    "shape for a fluid": (
+        {"fluid": [UNIT, Box((0.0, 0.0), (1.0, 0.5))]},
+        "Scene.fluid[1] = Box(lower=(0.0, 0.0), upper=(1.0, 0.5)) is not a Fluid; use Fluid(shape)",
+    ),
+    "faces without names": (
+        {"faces": [WALL]},
+        "Scene.faces = [Face(kind='wall', slip='free', moving=False, travel=None, start=None, sliding=None)]"
+        " is not a mapping; use {'x_min': Face('wall')}",
+    ),
+    "jitter in words": ({"jitter": "0.1"}, "Scene.jitter = '0.1' is not a number; use 0 to 0.25"),
+    "seed of a fraction": ({"seed": 0.5}, "Scene.seed = 0.5 is not a whole number; use 0 or more"),
+    "seed below zero": ({"seed": -1}, "Scene.seed = -1 is below the limit 0; use 0 or more"),
+    "sound too slow for the waves": (
+        {"material": Material(sound_speed=11.0)},
+        "Material.sound_speed = 11 m/s is below the limit 11.1 m/s, 5 times the largest speed expected;"
+        " use 22.1 m/s (10 times), or None for that",
+    ),
+    "sound too slow for the speed given": (
+        {"material": Material(sound_speed=14.9), "reference_speed": 3.0},
+        "Material.sound_speed = 14.9 m/s is below the limit 15 m/s, 5 times the largest speed expected;"
+        " use 30 m/s (10 times), or None for that",
+    ),
+    "fluid behind a moving wall": (
+        {"faces": {"x_min": Face(moving=True, travel=(0.2, 0.8))}},
+        "Scene.fluid spans x = 0 to 1 m, beyond the walls, which start at 0.2 and 2 m;"
+        " move the fluid, or a wall by Face.start",
+    ),
+    "fluid behind a lid": (
+        {"faces": {"y_max": Face(moving=True, start=0.3)}},
+        "Scene.fluid spans y = 0 to 0.5 m, beyond the walls, which start at 0 and 0.3 m;"
+        " move the fluid, or a wall by Face.start",
+    ),
+    "start outside the travel": (
+        {"faces": {"x_max": Face(moving=True, travel=(1.0, 1.8), start=2.0)}},
+        "Scene.faces['x_max'].start = 2 m is outside its travel 1 to 1.8 m; start inside, or widen the travel",
+    ),
+    "walls that can meet": (
+        {"faces": dict.fromkeys(("x_min", "x_max"), Face(moving=True))},
+        "Scene.faces 'x_min' travels up to 2 m and 'x_max' down to 0 m, so they can meet;"
+        " give both a Face.travel that keeps them apart",
+    ),
+    "walls that can touch": (
+        {
+            "faces": {
+                "x_min": Face(moving=True, travel=(0.0, 1.2)),
+                "x_max": Face(moving=True, travel=(1.2, 2.0)),
+            }
+        },
+        "Scene.faces 'x_min' travels up to 1.2 m and 'x_max' down to 1.2 m, so they can meet;"
+        " give both a Face.travel that keeps them apart",
+    ),
+    "dam away from the wall": (
+        {"fluid": Fluid(Box((0.2, 0.0), (1.0, 0.5)), pressure="released")},
+        "Fluid.pressure = 'released' needs a Box held by a wall 'x_min': its x starts at 0.2 m,"
+        " the face is 'wall' at 0 m; move the Box or use 'hydrostatic'",
+    ),
+    "dam above the floor": (
+        {"fluid": Fluid(Box((0.0, 0.1), (1.0, 0.5)), pressure="released")},
+        "Fluid.pressure = 'released' needs a Box held by a wall 'y_min': its y starts at 0.1 m,"
+        " the face is 'wall' at 0 m; move the Box or use 'hydrostatic'",
+    ),
+    "dam at an open face": (
+        {"fluid": Fluid(UNIT.shape, pressure="released"), "faces": {"x_min": OPEN}},
+        "Fluid.pressure = 'released' needs a Box held by a wall 'x_min': its x starts at 0 m,"
+        " the face is 'open' at 0 m; move the Box or use 'hydrostatic'",
+    ),
+    "dam under slanting gravity": (
+        {"fluid": Fluid(UNIT.shape, pressure="released"), "gravity": (1.0, -9.81)},
+        "Fluid.pressure = 'released' needs gravity straight down, not Scene.gravity = (1.0, -9.81) m/s2;"
+        " use 'hydrostatic'",
+    ),
 }
 
 
@@ -319,6 +430,7 @@ def test_bad_scene_is_refused_in_one_line(changes, message):
     with pytest.raises(ValueError) as error:
         make_scene(**changes)
     assert str(error.value) == message
+    assert "\n" not in message
 
 
 BAD_PARTS = {
@@ -351,6 +463,72 @@ BAD_PARTS = {
     "released ball": (
         lambda: Fluid(Ball((1.0, 0.5), 0.3), pressure="released"),
         "Fluid.pressure = 'released' is for a Box, not a Ball; use 'hydrostatic'",
+    ),
+    "pressure of an array": (
+        lambda: Fluid(UNIT.shape, pressure=np.zeros(2)),
+        "Fluid.pressure = array([0., 0.]) is unknown; use 'hydrostatic', 'released', 'none' or a function of points",
+    ),
+    "fluid without a shape": (
+        lambda: Fluid(((0.0, 0.0), (1.0, 0.5))),
+        "Fluid.shape = ((0.0, 0.0), (1.0, 0.5)) is not a shape; use a Box, a Ball or a Region",
+    ),
+    "velocity of one number": (
+        lambda: Fluid(UNIT.shape, velocity=1.0),
+        "Fluid.velocity = 1.0 is not a sequence of numbers [m/s]; give one for each axis, or a function of points",
+    ),
+    "velocity in words": (
+        lambda: Fluid(UNIT.shape, velocity="1"),
+        "Fluid.velocity = '1' is not a sequence of numbers [m/s]; give one for each axis, or a function of points",
+    ),
+    "box of two numbers": (
+        lambda: Box(1.0, 0.5),
+        "Box.lower = 1.0 is not a sequence of numbers [m]; give one for each axis",
+    ),
+    "ball without a radius": (
+        lambda: Ball((1.0, 0.5), None),
+        "Ball.radius = None is not a number; use a positive one [m]",
+    ),
+    "region of a mask": (
+        lambda: Region(np.zeros((2, 2)), (0.0, 0.0), (1.0, 1.0)),
+        "Region.predicate = array([[0., 0.], [0., 0.]]) is not a function; use one of points (n, dim) [m] -> bool (n,)",
+    ),
+    "travel of one number": (
+        lambda: Face(moving=True, travel=1.0),
+        "Face.travel = 1.0 is not a sequence of numbers [m]; give (lowest, highest)",
+    ),
+    "travel of three numbers": (
+        lambda: Face(moving=True, travel=(0.0, 1.0, 2.0)),
+        "Face.travel = (0.0, 1.0, 2.0) m must rise; give (lowest, highest)",
+    ),
+    "travel not a number": (
+        lambda: Face(moving=True, travel=(0.0, NAN)),
+        "Face.travel = (0.0, nan) must be finite; give numbers",
+    ),
+    "travel of a wall at rest": (
+        lambda: Face(travel=(0.0, 1.0)),
+        "Face.travel = (0.0, 1.0) m is of no effect on a wall at rest; set moving=True",
+    ),
+    "start of a wall at rest": (
+        lambda: Face(start=0.5),
+        "Face.start = 0.5 m is of no effect on a wall at rest; set moving=True",
+    ),
+    "start not a number": (lambda: Face(moving=True, start=NAN), "Face.start = nan m must be finite; give a number"),
+    "moving in words": (lambda: Face(moving="yes"), "Face.moving = 'yes' is not a bool; use True or False"),
+    "sliding where nothing sticks": (
+        lambda: Face(sliding=(0.0, 1.0)),
+        "Face.sliding = (0.0, 1.0) m/s is of no effect on a wall of free slip; set slip='no'",
+    ),
+    "sliding not a number": (
+        lambda: Face(slip="no", sliding=(0.0, NAN)),
+        "Face.sliding = (0.0, nan) must be finite; give numbers",
+    ),
+    "opening that slides": (
+        lambda: Face("open", sliding=(0.0, 1.0)),
+        "Face.kind = 'open' takes no motion and no slip; only a 'wall' moves or holds the fluid",
+    ),
+    "density in words": (
+        lambda: Material(density="1000"),
+        "Material.density = '1000' is not a number; use one in kg/m3",
     ),
 }
 
@@ -403,6 +581,10 @@ def test_face_must_be_a_face():
     with pytest.raises(ValueError) as error:
         make_scene(faces={"x_min": "wall"})
     assert str(error.value) == "Scene.faces['x_min'] = 'wall' is not a Face; use Face('wall')"
+
+
+def test_sound_speed_is_taken_as_it_is_where_no_speed_can_be_estimated():
+    assert make_scene(gravity=0.0, material=Material(sound_speed=1e-3)).sound_speed == 1e-3
 
 
 def test_constant_velocity_must_be_finite():

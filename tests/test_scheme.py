@@ -65,9 +65,33 @@ def test_time_step_is_the_shortest_that_sound_viscosity_or_gravity_allow():
         ({"artificial_viscosity": 2.0}, "Scheme.artificial_viscosity = 2 is outside 0 to 1; use 0.01"),
         ({"courant": 0.0}, "Scheme.courant = 0 is outside 1e-06 to 2; use 1.0"),
         ({"courant": float("nan")}, "Scheme.courant = nan is outside 1e-06 to 2; use 1.0"),
+        ({"courant": None}, "Scheme.courant = None is not a number; use 1.0"),
+        ({"gamma": None}, "Scheme.gamma = None is not a number; use 7"),
+        ({"smoothing_ratio": "1.5"}, "Scheme.smoothing_ratio = '1.5' is not a number; use 1.3 to 2"),
+        ({"kernel": "Wendland"}, "Scheme.kernel = 'Wendland' is not a SmoothingKernel; use WENDLAND_C2"),
+        ({"state_equation": 7.0}, "Scheme.state_equation = 7.0 is not a StateEquation; use LINEAR or TAIT"),
+        (
+            {"viscosity": 1e-6},
+            "Scheme.viscosity = 1e-06 is not a Force or Drag; use VISCOSITY_MORRIS or VISCOSITY_MONAGHAN",
+        ),
+        ({"terms": None}, "Scheme.terms = None is not a tuple; use (Force(function),)"),
+        (
+            {"terms": (PRESSURE_GRADIENT, print)},
+            "Scheme.terms[1] = <built-in function print> is not a DensityRate, Force or Drag; use Force(function)",
+        ),
     ],
 )
 def test_bad_scheme_is_refused_in_one_line(changes, message):
     with pytest.raises(ValueError) as error:
         Scheme(**changes)
     assert str(error.value) == message
+
+
+def test_fields_are_given_by_name():
+    with pytest.raises(TypeError, match="positional"):
+        Scheme(1.5)
+
+
+def test_term_must_be_a_warp_function():
+    with pytest.raises(ValueError, match=r"Force\(<built-in function print>\) is not of a Warp function; use @wp.func"):
+        Force(print)  # pyright: ignore[reportArgumentType]

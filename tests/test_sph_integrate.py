@@ -129,12 +129,18 @@ def test_face_stops_at_the_ends_of_its_travel_and_comes_back(walled):
     assert face_motion(walled) == pytest.approx((TRAVEL[0], 0.0, 0.0), abs=1e-7)
 
 
-def test_face_that_does_not_move_ignores_its_control(walled):
-    walled.face_velocity[:] = 1.0
-    walled.advance(0.05)
-    saved = walled.save()
-    np.testing.assert_array_equal(saved["face_position"][:, 1:], np.tile(np.float32([1.0, 0.0, 1.0]), (2, 1)))
-    np.testing.assert_array_equal(saved["face_velocity"][:, 1:], 0.0)
+def test_face_that_does_not_move_refuses_a_velocity(walled):
+    walled.reset()
+    before = walled.save()
+    walled.face_velocity[:, 1] = 1.0
+    with pytest.raises(ValueError) as error:
+        walled.advance(0.05)
+    assert str(error.value) == (
+        "Solver.face_velocity of 'x_max' is not 0, but that face does not move; make it Face(moving=True) in the scene"
+    )
+    walled.face_velocity[:] = 0.0
+    after = walled.save()
+    assert all((after[name] == before[name]).all() for name in before)
 
 
 def test_particle_that_falls_on_a_floor_bounces_and_keeps_its_course():

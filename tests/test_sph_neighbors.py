@@ -201,5 +201,5 @@ def test_order_scrambled_by_racing_threads_is_settled():
     assert (scrambled != settled).any()
     np.testing.assert_array_equal(key[scrambled], key[settled])
     order.assign(scrambled)
-    wp.launch(settle_order, 50, [bounds, order], device="cpu")
+    wp.launch(settle_order, 50, [51, bounds, order], device="cpu")
     np.testing.assert_array_equal(order.numpy(), settled)

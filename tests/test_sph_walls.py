@@ -93,7 +93,8 @@ class Reference:
         self.h = {2: 1.5, 3: 1.3}[scene.dim] * scene.particle_spacing
         self.c_0, self.g = scene.sound_speed, np.asarray(scene.gravity)
         self.V = scene.particle_spacing**scene.dim
-        self.K, self.nu = ALPHA * self.h * self.c_0, scene.material.viscosity
+        self.nu = scene.material.viscosity
+        self.K = max(0.0, ALPHA * self.h * self.c_0 - 2 * (self.dim + 2) * self.nu)
 
     def slope(self, r):
         """W'(r)/r of Wendland C2."""

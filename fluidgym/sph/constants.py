@@ -21,7 +21,7 @@ class Constants:
     inv_c_0_squared: float  # [s2/m2]
     gamma: float  # exponent of Tait's equation
     diffusion: float  # 2 delta h c_0 [m2/s]
-    artificial_viscosity: float  # alpha h c_0 [m2/s]
+    artificial_viscosity: float  # alpha h c_0, less viscosity_monaghan [m2/s]
     viscosity: float  # nu [m2/s]
     viscosity_monaghan: float  # 2 (dim + 2) nu [m2/s]
     eta_squared: float  # keeps x.u / r^2 finite as r -> 0 [m2]

@@ -12,6 +12,8 @@ from types import SimpleNamespace
 import numpy as np
 import warp as wp
 
+from fluidgym.sph.neighbors import three
+
 ONE = wp.constant(wp.int64(1 << 24))  # a whole particle, or a particle at the reference speed, in fixed point
 TOO_FAST = wp.constant(1.0e4)  # speeds beyond so many reference speeds are cut, as their sum would overflow
 
@@ -138,10 +140,10 @@ class Deposit:
         self._kernels = make_deposit(dim)
         self._num_worlds, self._capacity, self._device = num_worlds, capacity, device
         cells = CoarseCells()
-        cells.lower = wp.vec3(*_three(lower, 0.0))
-        cells.inv_width = wp.vec3(*_three(1.0 / width, 1.0))
-        cells.count = wp.vec3i(*(int(n) for n in _three(count, 1)))
-        cells.reach = wp.vec3(*_three(spacing / width, 1.0))
+        cells.lower = wp.vec3(*three(lower, 0.0))
+        cells.inv_width = wp.vec3(*three(1.0 / width, 1.0))
+        cells.count = wp.vec3i(*(int(n) for n in three(count, 1)))
+        cells.reach = wp.vec3(*three(spacing / width, 1.0))
         cells.inv_speed = 1.0 / reference_speed
         cells.value = spacing**dim / float(np.prod(width)) / float(1 << 24)
         cells.fraction_limit, cells.momentum_limit = fraction_limit, momentum_limit
@@ -170,8 +172,3 @@ class Deposit:
             self._kernels.finish, self._sums.shape, [self._cells, self._sums], [self._values], device=self._device
         )
         return self._values.numpy().reshape(self._shape).copy()
-
-
-def _three(values: Sequence[float] | np.ndarray, rest: float) -> list[float]:
-    """Three components, those that two dimensions lack filled in."""
-    return [*values, *[rest] * (3 - len(values))]

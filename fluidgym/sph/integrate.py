@@ -67,6 +67,14 @@ def advance_faces(
     end.velocity[world, face] = u + dt * a
 
 
+@wp.kernel(module="fluidgym.integrate", enable_backward=False)
+def shift_acceleration(capacity: int, change: wp.array2d[float], acceleration: wp.array2d[float]):
+    """Add what has changed of each world's gravity to the accelerations found before."""
+    i = wp.tid()
+    for k in range(change.shape[1]):
+        acceleration[k, i] += change[i // capacity, k]
+
+
 @lru_cache
 def make_drift(dim: int, kinds: tuple[str, ...], no_slip: tuple[bool, ...]) -> wp.Kernel:
     """Kernel of the first half kick and drift, which also counts the particles of each cell."""

@@ -9,26 +9,25 @@ from functools import lru_cache
 import numpy as np
 import warp as wp
 
+from fluidgym.sph.neighbors import three
+
 CHUNK = 32  # slots that one thread adds up
 
-Sums = wp.types.vector(11, wp.float32)
+Sums = wp.types.vector(7, wp.float32)
 LIVE = wp.constant(0)  # particles in the box
 IN_ZONE = wp.constant(1)  # of these in the zone
 ABOVE = wp.constant(2)  # of these above the height
-PLACE = wp.constant(3)  # sum of places from the middle of the box [m], three components
-SPREAD = wp.constant(6)  # sum of squares of the place along x [m2]
-MOTION = wp.constant(7)  # sum of squares of velocity [m2/s2]
-BROKEN = wp.constant(8)  # particles with a number that is not finite
-DENSITY_ERROR = wp.constant(9)  # largest |s|
-SPEED = wp.constant(10)  # largest speed [m/s]
-ADDED = wp.constant(9)  # the components before this are sums, the others maxima
+PLACE = wp.constant(3)  # sum of places along x from the middle of the box [m]
+SPREAD = wp.constant(4)  # sum of their squares [m2]
+BROKEN = wp.constant(5)  # particles with a number that is not finite
+DENSITY_ERROR = wp.constant(6)  # largest |s|; all the others are sums
 
 
 @wp.struct
 class Marks:
     """What the fluid of a world is held against."""
 
-    middle: wp.vec3  # of the box [m]
+    middle: float  # of the box along x [m]
     zone_lower: wp.vec3  # [m]
     zone_upper: wp.vec3  # [m]
     height: float  # [m]
@@ -39,8 +38,7 @@ class Marks:
 def join(a: Sums, b: Sums) -> Sums:
     """The numbers of two sets of particles together."""
     both = a + b
-    for k in range(ADDED, SPEED + 1):
-        both[k] = wp.max(a[k], b[k])
+    both[DENSITY_ERROR] = wp.max(a[DENSITY_ERROR], b[DENSITY_ERROR])
     return both
 
 
@@ -66,20 +64,19 @@ def make_measure(dim: int) -> wp.Kernel:
                 one = Sums()
                 one[LIVE] = 1.0
                 inside = float(1.0)
+                total = density_error[i]
                 for k in range(wp.static(dim)):
                     x = position[k, i]
                     # Edges one spacing wide: the share of the particle's cube that is inside.
                     inside *= wp.clamp((x - marks.zone_lower[k]) * marks.inv_spacing + 0.5, 0.0, 1.0)
                     inside *= wp.clamp((marks.zone_upper[k] - x) * marks.inv_spacing + 0.5, 0.0, 1.0)
-                    one[PLACE + k] = x - marks.middle[k]
-                    one[MOTION] += velocity[k, i] * velocity[k, i]
+                    total += x + velocity[k, i]
                 top = position[wp.static(dim - 1), i]
                 one[IN_ZONE] = inside
                 one[ABOVE] = wp.clamp((top - marks.height) * marks.inv_spacing + 0.5, 0.0, 1.0)
+                one[PLACE] = position[0, i] - marks.middle
                 one[SPREAD] = one[PLACE] * one[PLACE]
                 one[DENSITY_ERROR] = wp.abs(density_error[i])
-                one[SPEED] = wp.sqrt(one[MOTION])
-                total = one[PLACE] + one[PLACE + 1] + one[PLACE + 2] + one[MOTION] + density_error[i]
                 if not wp.isfinite(total):
                     one = Sums()
                     one[LIVE] = 1.0
@@ -126,17 +123,16 @@ class Measure:
             capacity: Slots of each world.
             device: Where the particles are.
         """
-        low, high, dim = np.asarray(lower, float), np.asarray(upper, float), len(lower)
+        low, high = np.asarray(lower, float), np.asarray(upper, float)
         zone_low, zone_high = np.asarray(zone[0], float), np.asarray(zone[1], float)
         far = 1.0e6 * (high - low).max()
         marks = Marks()
-        marks.middle = _three(0.5 * (low + high))
-        marks.zone_lower = _three(np.where(zone_low <= low, -far, zone_low))
-        marks.zone_upper = _three(np.where(zone_high >= high, far, zone_high))
+        marks.middle = 0.5 * (low[0] + high[0])
+        marks.zone_lower = wp.vec3(*three(np.where(zone_low <= low, -far, zone_low), 0.0))
+        marks.zone_upper = wp.vec3(*three(np.where(zone_high >= high, far, zone_high), 0.0))
         marks.height, marks.inv_spacing = height, 1.0 / spacing
-        self._marks, self._middle, self._dim = marks, 0.5 * (low + high), dim
-        self._capacity, self._device = capacity, device
-        self._kernel = make_measure(dim)
+        self._marks, self._capacity, self._device = marks, capacity, device
+        self._kernel = make_measure(len(lower))
         self._partial = wp.zeros((num_worlds, -(-capacity // CHUNK)), dtype=Sums, device=device)
         self._totals = wp.zeros(num_worlds, dtype=Sums, device=device)
 
@@ -154,8 +150,7 @@ class Measure:
         Returns:
             Arrays (world,): live, the number of particles in the box; broken, of these with a number that is not
             finite, which count nowhere else; in_zone and above, shares of the rest; spread, their rms distance along x
-            from the centre of mass [m]; speed_squared, their mean [m2/s2]; top_speed [m/s]; density_error, the
-            largest |s|. And center, (world, dim) [m].
+            from the centre of mass [m]; density_error, the largest |s|.
         """
         inputs = [self._capacity, self._marks, position, velocity, density_error, identity]
         wp.launch(self._kernel, self._partial.shape, inputs, [self._partial], device=self._device)
@@ -163,19 +158,11 @@ class Measure:
         sums = self._totals.numpy().astype(float)
         live, broken = sums[:, LIVE], sums[:, BROKEN]
         mean = sums / np.maximum(live - broken, 1.0)[:, None]
-        offset = mean[:, PLACE : PLACE + self._dim]
         return {
             "live": live.astype(int),
             "broken": broken.astype(int),
             "in_zone": mean[:, IN_ZONE],
             "above": mean[:, ABOVE],
-            "center": self._middle + offset,
-            "spread": np.sqrt(np.maximum(mean[:, SPREAD] - offset[:, 0] * offset[:, 0], 0.0)),
-            "speed_squared": mean[:, MOTION],
-            "top_speed": sums[:, SPEED],
+            "spread": np.sqrt(np.maximum(mean[:, SPREAD] - mean[:, PLACE] * mean[:, PLACE], 0.0)),
             "density_error": sums[:, DENSITY_ERROR],
         }
-
-
-def _three(values: np.ndarray) -> wp.vec3:
-    return wp.vec3(*values, *[0.0] * (3 - len(values)))

@@ -7,6 +7,7 @@ the retired particles; nobody looks there.
 """
 
 import math
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -26,6 +27,11 @@ class Grid:
     stride: int  # cells of a world, the one for retired particles included
 
 
+def three(values: Sequence[float] | np.ndarray, rest: float) -> list[float]:
+    """Three components, those that two dimensions lack filled in."""
+    return [*values, *[rest] * (3 - len(values))]
+
+
 def make_grid(lower: np.ndarray, upper: np.ndarray, search: float) -> Grid:
     """The grid that covers a box (dim,) [m] for a search radius [m]."""
     dim = len(lower)
@@ -36,7 +42,7 @@ def make_grid(lower: np.ndarray, upper: np.ndarray, search: float) -> Grid:
         count[axis] = max(1, math.ceil(extent / size - 1e-9))
         width[axis] = size
     grid = Grid()
-    grid.lower = wp.vec3(*np.concatenate([lower, np.zeros(3 - dim)]))
+    grid.lower = wp.vec3(*three(lower, 0.0))
     grid.width = wp.vec3(*width)
     grid.inv_width = wp.vec3(*(1.0 / width))
     grid.count = wp.vec3i(*(int(n) for n in count))
@@ -70,9 +76,14 @@ def order_by_cell(key: wp.array[int], bounds: wp.array[int], order: wp.array[int
 
 
 @wp.kernel(module="fluidgym.neighbors", enable_backward=False)
-def settle_order(bounds: wp.array[int], order: wp.array[int]):
-    """Sort the particles of each cell by their earlier place: threads that race leave no trace."""
+def settle_order(stride: int, bounds: wp.array[int], order: wp.array[int]):
+    """Sort the particles of each cell by their earlier place: threads that race leave no trace.
+
+    The order of the retired ones shows nowhere.
+    """
     k = wp.tid()
+    if (k + 1) % stride == 0:
+        return
     first = bounds[k]
     for a in range(first + 1, bounds[k + 1]):
         moved = order[a]

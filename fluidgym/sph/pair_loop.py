@@ -79,11 +79,11 @@ def _snippet(
 ) -> str:
     """The native lines of one pair loop."""
     axes = range(dim)
-    lines = [_LANES, "const int n = position.shape[1];"]
+    lines = [_LANES]
     for k in axes:
         lines += [
-            f"const float* __restrict__ px{k} = position.data + {k} * n;",
-            f"const float* __restrict__ pu{k} = velocity.data + {k} * n;",
+            f"const float* __restrict__ px{k} = position.data + {k} * position.shape[1];",
+            f"const float* __restrict__ pu{k} = velocity.data + {k} * velocity.shape[1];",
             f"const float X{k} = X[{k}], U{k} = U[{k}], T{k} = tilt[{k}], S{k} = sign[{k}];",
         ]
     lines.append("const float* __restrict__ pa = field.data;")

@@ -16,24 +16,27 @@ from fluidgym.sph.constants import Constants
 
 
 @dataclass(frozen=True)
-class DensityRate:
+class _Term:
+    function: wp.Function
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.function, wp.Function):
+            raise ValueError(f"{type(self).__name__}({self.function!r}) is not of a Warp function; use @wp.func")
+
+
+@dataclass(frozen=True)
+class DensityRate(_Term):
     """A term of ds_i/dt [1/s]: the sum over j of V function(...)."""
 
-    function: wp.Function
-
 
 @dataclass(frozen=True)
-class Force:
+class Force(_Term):
     """A term of du_i/dt [m/s2] along the line of the pair: the sum over j of V function(...) x_ij."""
 
-    function: wp.Function
-
 
 @dataclass(frozen=True)
-class Drag:
+class Drag(_Term):
     """A term of du_i/dt [m/s2] along the pair's velocity: the sum over j of V function(...) u_ij."""
-
-    function: wp.Function
 
 
 Term = DensityRate | Force | Drag
