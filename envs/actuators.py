@@ -35,10 +35,12 @@ class DrivenWall:
     def __post_init__(self) -> None:
         if self.command not in get_args(Command):
             raise ValueError(f"command = {self.command!r} is unknown; use {' or '.join(map(repr, get_args(Command)))}")
-        for name, unit in (("max_speed", "m/s"), ("max_acceleration", "m/s2")):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise ValueError(f"{name} = {value} {unit} must be finite and above 0; give a positive number")
+        for name, value, unit in (
+            ("max_wall_speed", self.max_speed, "m/s"),
+            ("max_wall_acceleration", self.max_acceleration, "m/s2"),
+        ):
+            if not (isinstance(value, int | float | np.number) and math.isfinite(value) and value > 0.0):
+                raise ValueError(f"{name} = {value!r} {unit} must be finite and above 0; give a positive number")
 
     def next_velocity(self, command: np.ndarray, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """The velocity at the end of the next interval, reached at constant acceleration.

@@ -6,10 +6,9 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-from gymnasium.error import ResetNeeded
 
 from fluidgym.envs import make_task
-from fluidgym.envs.runner import Runner
+from fluidgym.envs.runner import Runner, check_seed, opened
 from fluidgym.envs.screen import RENDER_MODES, Screen
 from fluidgym.envs.task import Task
 from fluidgym.solver import Solver
@@ -20,7 +19,8 @@ _ONE = np.ones(1, bool)
 class FluidEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     """A task in one world.
 
-    The time limit is not in here: gymnasium.make adds it. An action outside the action space is clipped into it.
+    An episode is truncated where the task ends, or earlier by the TimeLimit that gymnasium.make adds when it is given
+    max_episode_steps. An action outside the action space is clipped into it.
     """
 
     # Each instance has a copy of its own.
@@ -51,17 +51,17 @@ class FluidEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self.metadata = self._screen.metadata(self.metadata)
         self.observation_space, self.action_space = posed.observation_space, posed.action_space
         self._action_shape = posed.action_space.shape
-        self._runner = Runner(posed, 1, device)
+        self._runner: Runner | None = Runner(posed, 1, device)
 
     @property
     def task(self) -> Task:
         """The task."""
-        return self._runner.task
+        return opened(self._runner, "task").task
 
     @property
     def solver(self) -> Solver:
         """The simulated world."""
-        return self._runner.solver
+        return opened(self._runner, "solver").solver
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -71,11 +71,16 @@ class FluidEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         Args:
             seed: Key of this and the following episodes; None goes on with the one before.
             options: Not used.
+
+        Raises:
+            ValueError: The seed is not a whole number of 0 or more.
+            ClosedEnvironmentError: The environment is closed.
         """
+        runner, seed = opened(self._runner, "reset"), check_seed(seed)
         super().reset(seed=seed)
-        if seed is None and self._runner.needs_seed():
+        if seed is None and runner.needs_seed():
             seed = int(self.np_random.integers(2**31))
-        outcome = self._runner.reset(_ONE, [seed])
+        outcome = runner.reset(_ONE, [seed])
         self._show()
         return outcome.observation[0], _first(outcome.info)
 
@@ -85,25 +90,32 @@ class FluidEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         Raises:
             ValueError: The action has the wrong shape or is not finite; the world is as it was.
             ResetNeeded: There was no reset yet.
+            ClosedEnvironmentError: The environment is closed.
         """
-        if self._runner.needs_seed():
-            raise ResetNeeded("step was called before reset; call reset() first")
-        outcome = self._runner.step(self._runner.check_actions(action, "action", self._action_shape))
+        runner = opened(self._runner, "step", begun=True)
+        outcome = runner.step(runner.check_actions(action, "action", self._action_shape))
         self._show()
-        terminated = bool(outcome.terminated[0])
-        return outcome.observation[0], float(outcome.reward[0]), terminated, False, _first(outcome.info)
+        reward, terminated, truncated = outcome.reward[0], outcome.terminated[0], outcome.truncated[0]
+        return outcome.observation[0], float(reward), bool(terminated), bool(truncated), _first(outcome.info)
 
     def render(self) -> np.ndarray | None:
-        """A picture (height, width, 3) uint8, or None where the window shows it already."""
-        return self._runner.frame(0) if self.render_mode == "rgb_array" else None
+        """A picture (height, width, 3) uint8, or None where the window shows it already.
+
+        Raises:
+            ResetNeeded: There was no reset yet.
+            ClosedEnvironmentError: The environment is closed.
+        """
+        runner = opened(self._runner, "render", begun=True)
+        return runner.frame(0) if self.render_mode == "rgb_array" else None
 
     def close(self) -> None:
-        """Close the window, if there is one."""
+        """Close the window, if there is one, and free the world's memory."""
         self._screen.close()
+        self._runner = None
 
     def _show(self) -> None:
         if self.render_mode == "human":
-            self._screen.show([self._runner.frame(0)])
+            self._screen.show([opened(self._runner, "render").frame(0)])
 
 
 def _first(info: dict[str, np.ndarray]) -> dict[str, Any]:

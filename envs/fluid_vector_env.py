@@ -11,7 +11,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from fluidgym.envs import make_task
-from fluidgym.envs.runner import Outcome, Runner
+from fluidgym.envs.runner import Outcome, Runner, check_seed, opened
 from fluidgym.envs.screen import MOST_TILES, RENDER_MODES, Screen
 from fluidgym.envs.task import Task
 from fluidgym.solver import Solver
@@ -47,8 +47,8 @@ class FluidVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         Args:
             num_envs: Number of worlds.
             task: Name of the task.
-            max_episode_steps: Episodes are truncated after so many steps; None never truncates. gymnasium.make_vec
-                gives the number that the environment is registered with.
+            max_episode_steps: Episodes are truncated after so many steps, or where the task ends if that is earlier;
+                None is where the task ends.
             autoreset_mode: What follows the end of an episode: "NextStep" resets in the next step, whose action is
                 not used; "SameStep" resets at once and puts the end into info as final_obs and final_info; "Disabled"
                 waits for reset with options={"reset_mask": mask}.
@@ -62,10 +62,9 @@ class FluidVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         posed = make_task(task, **options)
         self._screen = Screen(render_mode, posed.control_interval)
         self._mode = _autoreset_mode(autoreset_mode)
-        if max_episode_steps is not None and max_episode_steps < 1:
-            raise ValueError(f"max_episode_steps = {max_episode_steps} is below the limit 1; use 1 or more, or None")
-        if num_envs < 1:
-            raise ValueError(f"num_envs = {num_envs} is below the limit 1; use 1 or more")
+        _check_count("num_envs", num_envs)
+        if max_episode_steps is not None:
+            _check_count("max_episode_steps", max_episode_steps)
         self.num_envs = num_envs
         self.render_mode = render_mode
         self.metadata = {**self._screen.metadata(self.metadata), "autoreset_mode": self._mode}
@@ -73,20 +72,18 @@ class FluidVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.observation_space = batch_space(posed.observation_space, num_envs)
         self.action_space = batch_space(posed.action_space, num_envs)
         self._action_shape = posed.action_space.shape
-        self._limit = max_episode_steps
-        self._steps = np.zeros(num_envs, int)
         self._ended = np.zeros(num_envs, bool)
-        self._runner = Runner(posed, num_envs, device)
+        self._runner: Runner | None = Runner(posed, num_envs, device, max_episode_steps)
 
     @property
     def task(self) -> Task:
         """The task."""
-        return self._runner.task
+        return opened(self._runner, "task").task
 
     @property
     def solver(self) -> Solver:
         """The simulated worlds."""
-        return self._runner.solver
+        return opened(self._runner, "solver").solver
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
@@ -99,8 +96,10 @@ class FluidVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             options: "reset_mask", bool (world,): the worlds that begin an episode; the others stay as they are.
 
         Raises:
-            ValueError: The seeds or the mask have the wrong shape.
+            ValueError: The seeds or the mask have the wrong shape or type.
+            ClosedEnvironmentError: The environment is closed.
         """
+        opened(self._runner, "reset")
         worlds = self._reset_mask(options)
         seeds = self._world_seeds(seed)
         outcome = self._begin(worlds, seeds)
@@ -113,26 +112,22 @@ class FluidVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         Raises:
             ValueError: The actions have the wrong shape or one is not finite; the worlds are as they were.
             ResetNeeded: There was no reset yet, or autoreset is disabled and an ended world was not reset.
+            ClosedEnvironmentError: The environment is closed.
         """
-        if self._runner.needs_seed():
-            raise ResetNeeded("step was called before reset; call reset() first")
-        checked = self._runner.check_actions(actions, "actions", (self.num_envs, *self._action_shape))
+        runner = opened(self._runner, "step", begun=True)
+        checked = runner.check_actions(actions, "actions", (self.num_envs, *self._action_shape))
         renewed = self._ended
         if self._mode == AutoresetMode.DISABLED and renewed.any():
             ended = np.flatnonzero(renewed).tolist()
             raise ResetNeeded(f"worlds {ended} have ended; call reset(options={{'reset_mask': mask}}) first")
         if renewed.all():
             outcome = self._begin(renewed)
-            truncated = np.zeros(self.num_envs, bool)
         else:
-            outcome = self._runner.step(checked)
-            self._steps += 1
-            truncated = np.full(self.num_envs, False) if self._limit is None else self._steps >= self._limit
+            outcome = runner.step(checked)
             if renewed.any():
-                truncated[renewed] = False
                 _merge(outcome, self._begin(renewed), renewed)
-        outcome.reward[renewed], outcome.terminated[renewed] = 0.0, False
-        self._ended = outcome.terminated | truncated
+        outcome.reward[renewed], outcome.terminated[renewed], outcome.truncated[renewed] = 0.0, False, False
+        self._ended = outcome.terminated | outcome.truncated
         final: dict[str, Any] = {}
         ended = self._ended
         if self._mode == AutoresetMode.SAME_STEP and ended.any():
@@ -140,22 +135,28 @@ class FluidVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             _merge(outcome, self._begin(ended), ended)
         self._show()
         info = {**final, **_with_masks(outcome.info, np.ones(self.num_envs, bool))}
-        return outcome.observation, outcome.reward, outcome.terminated, truncated, info
+        return outcome.observation, outcome.reward, outcome.terminated, outcome.truncated, info
 
     def render(self) -> tuple[np.ndarray, ...] | None:
-        """One picture (height, width, 3) uint8 of each world, or None where the window shows them already."""
+        """One picture (height, width, 3) uint8 of each world, or None where the window shows them already.
+
+        Raises:
+            ResetNeeded: There was no reset yet.
+            ClosedEnvironmentError: The environment is closed.
+        """
+        runner = opened(self._runner, "render", begun=True)
         if self.render_mode != "rgb_array":
             return None
-        return tuple(self._runner.frame(world) for world in range(self.num_envs))
+        return tuple(runner.frame(world) for world in range(self.num_envs))
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Close the window, if there is one."""
+        """Close the window, if there is one, and free the worlds' memory."""
         self._screen.close()
+        self._runner = None
 
     def _begin(self, worlds: np.ndarray, seeds: Sequence[int | None] | None = None) -> Outcome:
         """Begin an episode in the worlds of a mask."""
-        outcome = self._runner.reset(worlds, seeds or [None] * self.num_envs)
-        self._steps[worlds] = 0
+        outcome = opened(self._runner, "reset").reset(worlds, seeds or [None] * self.num_envs)
         self._ended = self._ended & ~worlds
         return outcome
 
@@ -181,30 +182,34 @@ class FluidVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 f"options['reset_mask'] = {mask!r} must be a bool array ({self.num_envs},) with a True in it;"
                 " give one bool a world"
             )
-        if self._runner.needs_seed() and not mask.all():
-            raise ResetNeeded("reset with a mask was called before a reset of all worlds; call reset() first")
+        if not mask.all():
+            opened(self._runner, "reset with a mask", begun=True)
         return mask.copy()
 
     def _world_seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
         """A seed for each world, or None to go on with the one it has."""
-        if isinstance(seed, int | np.integer):
-            super().reset(seed=int(seed))
-            return [int(seed) + world for world in range(self.num_envs)]
         seeds: list[int | None] = [None] * self.num_envs
-        if seed is not None:
-            seeds = [None if one is None else int(one) for one in seed]
-            if len(seeds) != self.num_envs or any(one is not None and one < 0 for one in seeds):
-                raise ValueError(
-                    f"seed = {seed!r} must be {self.num_envs} numbers of 0 or more; give one for each world"
-                )
-        if self._runner.needs_seed():
+        if isinstance(seed, Sequence | np.ndarray):
+            seeds = [check_seed(one) for one in seed]
+            if len(seeds) != self.num_envs:
+                raise ValueError(f"seed = {seed!r} must be {self.num_envs} numbers; give one for each world")
+        elif (first := check_seed(seed)) is not None:
+            super().reset(seed=first)
+            return [first + world for world in range(self.num_envs)]
+        if opened(self._runner, "reset").needs_seed():
             first = int(self.np_random.integers(2**31))
             seeds = [first + world if one is None else one for world, one in enumerate(seeds)]
         return seeds
 
     def _show(self) -> None:
         if self.render_mode == "human":
-            self._screen.show([self._runner.frame(world) for world in range(min(self.num_envs, MOST_TILES))])
+            runner = opened(self._runner, "render")
+            self._screen.show([runner.frame(world) for world in range(min(self.num_envs, MOST_TILES))])
+
+
+def _check_count(name: str, count: Any) -> None:
+    if not isinstance(count, int | np.integer) or count < 1:
+        raise ValueError(f"{name} = {count!r} is not a whole number of 1 or more; give one")
 
 
 def _autoreset_mode(given: str | AutoresetMode) -> AutoresetMode:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 
 from fluidgym.envs.task import Task
 from fluidgym.scene import face_names
@@ -21,12 +22,14 @@ class Outcome:
         observation: (world, ...), float32.
         reward: (world,).
         terminated: bool (world,).
+        truncated: bool (world,).
         info: Arrays (world,).
     """
 
     observation: np.ndarray
     reward: np.ndarray
     terminated: np.ndarray
+    truncated: np.ndarray
     info: dict[str, np.ndarray]
 
 
@@ -38,15 +41,18 @@ class Runner:
         solver: The worlds.
     """
 
-    def __init__(self, task: Task, num_worlds: int, device: str | None):
+    def __init__(self, task: Task, num_worlds: int, device: str | None, max_episode_steps: int | None = None):
         """Make the worlds.
 
         Args:
             task: The task.
             num_worlds: Number of worlds.
             device: "cpu", "cuda", ...; None takes a GPU where there is one.
+            max_episode_steps: Episodes are truncated after so many steps, or where the task ends if that is earlier.
         """
         self.task = task
+        self._limit = min(task.max_episode_steps, max_episode_steps or task.max_episode_steps)
+        self._steps = np.zeros(num_worlds, int)
         self.solver = Solver(task.scene, task.scheme, num_worlds, device)
         task.attach(self.solver)
         self._seeds: list[int | None] = [None] * num_worlds
@@ -77,6 +83,7 @@ class Runner:
         self.solver.set_start(chosen, starts)
         self.solver.reset(worlds)
         self.task.begin(worlds)
+        self._steps[worlds] = 0
         return self._outcome()
 
     def needs_seed(self) -> bool:
@@ -92,6 +99,7 @@ class Runner:
         self.task.apply_action(actions)
         self.solver.advance(self.task.control_interval)
         self.task.measure()
+        self._steps += 1
         return self._outcome()
 
     def check_actions(self, actions: Any, name: str, shape: tuple[int, ...]) -> np.ndarray:
@@ -146,4 +154,36 @@ class Runner:
 
     def _outcome(self) -> Outcome:
         task = self.task
-        return Outcome(task.observe(), task.reward(), task.terminated(), task.info())
+        return Outcome(task.observe(), task.reward(), task.terminated(), self._steps >= self._limit, task.info())
+
+
+def opened(runner: Runner | None, call: str, begun: bool = False) -> Runner:
+    """The runner of an environment, if the call can be made.
+
+    Args:
+        runner: None once the environment is closed.
+        call: What the user calls.
+        begun: Whether it needs a reset before.
+
+    Raises:
+        ClosedEnvironmentError: The environment is closed.
+        ResetNeeded: There was no reset yet.
+    """
+    if runner is None:
+        raise ClosedEnvironmentError(f"{call} was used after close; make a new environment")
+    if begun and runner.needs_seed():
+        raise ResetNeeded(f"{call} was called before reset; call reset() first")
+    return runner
+
+
+def check_seed(seed: Any) -> int | None:
+    """A seed of one world, or None.
+
+    Raises:
+        ValueError: It is neither None nor a whole number of 0 or more.
+    """
+    if seed is None:
+        return None
+    if not isinstance(seed, int | np.integer) or seed < 0:
+        raise ValueError(f"seed = {seed!r} must be a whole number of 0 or more; give one, or None to go on")
+    return int(seed)

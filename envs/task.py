@@ -26,7 +26,7 @@ class Task(ABC):
         scene: What is simulated, with the largest start there can be.
         scheme: How.
         control_interval: Time between actions [s].
-        max_episode_steps: Actions in an episode.
+        max_episode_steps: Actions in an episode; it is truncated after them.
         action_space: Of one world.
         observation_space: Of one world.
         reference_speed: Speed at the top of a drawing's colour bar [m/s].

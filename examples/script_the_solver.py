@@ -20,6 +20,8 @@ def main() -> None:
     parser.add_argument("--resolution", type=int, default=20, help="particles over the depth (default: 20)")
     parser.add_argument("--device", default=None, help="cpu, cuda, ... (default: a GPU where there is one)")
     arguments = parser.parse_args()
+    if arguments.resolution < 4:
+        parser.exit(2, f"script_the_solver.py: --resolution = {arguments.resolution} must be 4 or more; use 20\n")
     scene = Scene(
         lower=(0.0, 0.0),
         upper=(LENGTH, 1.0),
@@ -28,7 +30,10 @@ def main() -> None:
         faces={"x_max": Face(moving=True, travel=(LENGTH - STROKE, LENGTH))},
         gravity=GRAVITY,
     )
-    solver = Solver(scene, device=arguments.device)
+    try:
+        solver = Solver(scene, device=arguments.device)
+    except ValueError as error:  # one line that names the argument and the remedy
+        parser.exit(2, f"script_the_solver.py: {error}\n")
     wall = solver.face_index("x_max")
     probe = np.array([[0.0, 0.1]])
     expected = DENSITY * GRAVITY * (DEPTH - 0.1)

@@ -35,6 +35,5 @@ for _dim in (2, 3):
         id=f"fluidgym/DamBreakContain{_dim}D-v0",
         entry_point="fluidgym.envs.fluid_env:FluidEnv",
         vector_entry_point="fluidgym.envs.fluid_vector_env:FluidVectorEnv",
-        max_episode_steps=80,
         kwargs={"task": "DamBreakContain", "dim": _dim},
     )

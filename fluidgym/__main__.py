@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 from tqdm import tqdm
 
@@ -65,9 +67,8 @@ def validate(chosen: argparse.Namespace) -> int:
         return _refuse(f"none of these cases has a {chosen.dim}D variant: {', '.join(case.name for case in cases)}")
     if min(resolution for _, resolution, _ in plan) < 4:
         return _refuse("--resolutions must be 4 or more particles along the case's length")
-    if chosen.json and not chosen.json.absolute().parent.is_dir():
-        return _refuse(f"--json {chosen.json}: there is no such folder; make it, or name a file in another")
     try:
+        _check_json(chosen.json)
         device = str(find_device(chosen.device))
     except ValueError as error:
         return _refuse(str(error))
@@ -79,8 +80,11 @@ def validate(chosen: argparse.Namespace) -> int:
             end = float(case.times[-1]) if chosen.full else case.end
             bar_format = "{desc} {percentage:3.0f}%|{bar}| {n:.2f}/{total:.2f} s simulated [{elapsed}<{remaining}]"
             label = f"{case.name} {dim}D 1/{resolution}"
-            with tqdm(total=end, desc=label, bar_format=bar_format, leave=False, disable=None) as bar:
-                result = run(case, resolution, dim, device, end=end, progress=bar.update)
+            try:
+                with tqdm(total=end, desc=label, bar_format=bar_format, leave=False, disable=None) as bar:
+                    result = run(case, resolution, dim, device, end=end, progress=bar.update)
+            except ValueError as error:  # too few particles for the scene
+                return _refuse(f"{label}: {error}")
             coarser = [other for other in results if (other.case, other.dim) == (case.name, dim)]
             order = observed_order(coarser[-1], result) if coarser else {}
             results.append(result)
@@ -126,25 +130,51 @@ def benchmark(chosen: argparse.Namespace) -> int:
     if min(*chosen.particles, *chosen.worlds, 1) < 1:
         return _refuse("--particles and --worlds must be 1 or more")
     try:
+        _check_json(chosen.json)
         device = str(find_device(chosen.device))
     except ValueError as error:
         return _refuse(str(error))
     facts = machine(device)
     print(", ".join(f"{name} {value}" for name, value in facts.items()), SPEED_HEAD, sep="\n", flush=True)
-    speeds = []
+    objects: list[dict[str, Any]] = [{"machine": facts}]
+
+    def keep(found: dict[str, Any]) -> None:
+        objects.append(found)
+        if chosen.json:
+            write_json(chosen.json, objects)
+
     for dim in (chosen.dim,) if chosen.dim else (2, 3):
         for worlds in chosen.worlds:
             for particles in chosen.particles:
                 label = f"{dim}D, {worlds} x {particles}"
-                with tqdm(total=STRETCHES + 1, desc=label, leave=False, disable=None) as bar:
-                    speed = measure_speed(dim, particles, worlds, device, progress=bar.update)
-                speeds.append(speed)
+                try:
+                    with tqdm(total=STRETCHES + 1, desc=label, leave=False, disable=None) as bar:
+                        speed = measure_speed(dim, particles, worlds, device, progress=bar.update)
+                except ValueError as error:  # too few particles for the scene
+                    return _refuse(f"{label}: {error}")
+                keep(asdict(speed))
                 print(speed_line(speed), flush=True)
     result = run(CASES["dam-break"], 40, 2, device)
     print(f"front error of the same scheme, dam-break at H/40: {result.errors['front']:.2%} in {result.wall_s:.2f} s")
-    if chosen.json:
-        write_json(chosen.json, [{"machine": facts}, *(asdict(speed) for speed in speeds), as_json(result, {})])
+    keep(as_json(result, {}))
     return 0
+
+
+def _check_json(path: Path | None) -> None:
+    """Refuse a file that cannot be written, before anything is run.
+
+    Raises:
+        ValueError: It is a folder, or its folder is not there or cannot be written to.
+    """
+    if path is None:
+        return
+    folder = path.absolute().parent
+    if path.is_dir():
+        raise ValueError(f"--json {path}: this is a folder; name a file in it")
+    if not folder.is_dir():
+        raise ValueError(f"--json {path}: there is no such folder; make it, or name a file in another")
+    if not os.access(folder, os.W_OK):
+        raise ValueError(f"--json {path}: the folder cannot be written to; name a file in another")
 
 
 def _refuse(reason: str) -> int:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from fluidgym.scene import Scene, face_names
@@ -26,7 +28,7 @@ class Controls:
         return self._gravity
 
     @gravity.setter
-    def gravity(self, value: object) -> None:
+    def gravity(self, value: Any) -> None:
         self._gravity[...] = _fit("gravity", value, self._gravity.shape)
 
     @property
@@ -35,7 +37,7 @@ class Controls:
         return self._face_velocity
 
     @face_velocity.setter
-    def face_velocity(self, value: object) -> None:
+    def face_velocity(self, value: Any) -> None:
         self._face_velocity[...] = _fit("face_velocity", value, self._face_velocity.shape)
 
     def reset(self, mask: np.ndarray) -> None:
@@ -73,7 +75,7 @@ class Controls:
             )
 
 
-def _fit(name: str, value: object, shape: tuple[int, ...]) -> np.ndarray:
+def _fit(name: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:
     """A control as it is given, broadcast over the worlds."""
     try:
         return np.broadcast_to(np.asarray(value, float), shape)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 
@@ -165,48 +164,59 @@ def density_error(particles: Particles, scene: Scene) -> np.ndarray:
 def retired_particles(solver: Solver, world: int = 0) -> int:
     """How many particles of a world have left through open faces since its reset."""
     slots = slice(world * solver.capacity, (world + 1) * solver.capacity)
-    at_start = int((solver.state.start.identity.numpy()[slots] >= 0).sum())
-    return at_start - int((solver.state.now.identity.numpy()[slots] >= 0).sum())
+    return int(solver.started[world]) - int((solver.state.now.identity.numpy()[slots] >= 0).sum())
 
 
 def pressure_at(solver: Solver, points: np.ndarray, world: int = 0) -> np.ndarray:
     """Pressure at places [Pa], (n,): the mean of the particles near by and their images, weighed by the kernel.
 
-    The weights are those of Wendland C2 with the scheme's smoothing length, made to add up to one (Shepard 1968).
-    Behind a wall lie the mirror images that the solver sees, with the pressure of gravity carried on through the wall;
-    a place that no particle reaches has no pressure.
+    The weights are those of Wendland C2, whatever the scheme's kernel, with its smoothing length, made to add up to one
+    (Shepard 1968). The images are those of the solver's pressure force: beyond a periodic face the other side of the
+    box, behind a wall its reflection, with the pressure of gravity carried on through the wall, but not below zero (or
+    below the particle's own pressure, where that is negative). A place that no particle reaches has no pressure.
 
     Args:
         solver: The solver.
         points: Places [m], (n, dim).
         world: Number of the world.
     """
-    particles, scene = solver.particles(world), solver.scene
-    h = solver.scheme.smoothing_length(scene.particle_spacing, scene.dim)
     points = np.asarray(points, float)
-    near = np.all(
-        (particles.position > points.min(axis=0) - 2 * h) & (particles.position < points.max(axis=0) + 2 * h), axis=1
-    )
-    position, pressure = particles.position[near].astype(float), particles.pressure[near]
-    names = face_names(scene.dim)
-    for axis, side in product(range(scene.dim), range(2)):
-        name = names[2 * axis + side]
-        if scene.faces[name].kind != "wall":
-            continue
-        face = 2 * axis + side
-        wall = solver.face_position(name)[world]
-        pull = solver.gravity[world, axis] - solver.state.faces.acceleration.numpy()[world, face]
-        by_wall = np.abs(position[:, axis] - wall) < 2 * h
-        image = position[by_wall].copy()
-        image[:, axis] = 2 * wall - image[:, axis]
-        change = scene.material.density * pull * (image[:, axis] - position[by_wall, axis])
-        position = np.concatenate([position, image])
-        pressure = np.concatenate([pressure, pressure[by_wall] + change])
-    distance = np.linalg.norm(points[:, None] - position[None], axis=2)
-    t = np.maximum(1.0 - distance / (2 * h), 0.0)
+    reach = 2.0 * solver.scheme.smoothing_length(solver.scene.particle_spacing, solver.scene.dim)
+    position, pressure = _with_images(solver, world, reach)
+    near = np.all((position > points.min(axis=0) - reach) & (position < points.max(axis=0) + reach), axis=1)
+    distance = np.linalg.norm(points[:, None] - position[near], axis=2)
+    t = np.maximum(1.0 - distance / reach, 0.0)
     weight = t**4 * (5.0 - 4.0 * t)
     total = weight.sum(axis=1)
-    return weight @ pressure / np.where(total > 0.0, total, 1.0)
+    return weight @ pressure[near] / np.where(total > 0.0, total, 1.0)
+
+
+def _with_images(solver: Solver, world: int, reach: float) -> tuple[np.ndarray, np.ndarray]:
+    """Position [m] (n, dim) and pressure [Pa] (n,) of the particles and of their images within reach [m] of the box."""
+    particles, scene = solver.particles(world), solver.scene
+    faces = solver.state.faces
+    at, acceleration = faces.position.numpy()[world].astype(float), faces.acceleration.numpy()[world]
+    position, pressure = particles.position.astype(float), particles.pressure
+    lift = np.zeros(len(position))  # what gravity adds on the way through walls
+    for axis in range(scene.dim):
+        low, high = 2 * axis, 2 * axis + 1
+        images = [(position, pressure, lift)]
+        for face, other in ((low, high), (high, low)):
+            kind = scene.faces[face_names(scene.dim)[face]].kind
+            if kind == "open":
+                continue
+            close = np.abs(position[:, axis] - at[face]) < reach
+            image = position[close].copy()
+            if kind == "periodic":
+                image[:, axis] += at[other] - at[face]
+                change = 0.0
+            else:
+                image[:, axis] = 2.0 * at[face] - image[:, axis]
+                pull = scene.material.density * (solver.gravity[world, axis] - acceleration[face])
+                change = pull * (image[:, axis] - position[close, axis])
+            images.append((image, pressure[close], lift[close] + change))
+        position, pressure, lift = (np.concatenate(parts) for parts in zip(*images, strict=True))
+    return position, np.maximum(pressure + lift, np.minimum(pressure, 0.0))
 
 
 def _rms(values: np.ndarray) -> float:

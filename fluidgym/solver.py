@@ -407,7 +407,7 @@ class Solver:
     ) -> None:
         """Kick and drift to the middle of the step, then put the particles in cell order."""
         state, slots, cells = self.state, num_worlds * self.capacity, num_worlds * self._grid.stride
-        bounds = self._bounds if num_worlds == self.num_worlds else self._bounds[: cells + 2]
+        bounds: Any = self._bounds if num_worlds == self.num_worlds else self._bounds[: cells + 2]
         bounds.zero_()
         wp.launch(
             self._kernels.drift,

@@ -83,7 +83,8 @@ def test_an_interrupt_keeps_what_is_finished(toy_case, tmp_path, monkeypatch, ca
         (["dam-break", "--dim", "3"], ["3D", "dam-break"]),
         (["dam-break", "--resolutions", "2"], ["--resolutions", "4"]),
         (["dam-break", "--device", "abacus"], ["abacus", "cpu"]),
-        (["dam-break", "--json", "no/such/folder/out.json"], ["--json", "folder"]),
+        (["dam-break", "--json", "no/such/folder/out.json"], ["--json", "no such folder"]),
+        (["dam-break", "--json", "."], ["--json", "is a folder"]),
     ],
 )
 def test_what_cannot_be_run_is_refused_in_one_line(arguments, said, capsys):
@@ -92,6 +93,41 @@ def test_what_cannot_be_run_is_refused_in_one_line(arguments, said, capsys):
     assert printed.out == ""
     assert len(printed.err.splitlines()) == 1
     assert all(word in printed.err for word in said)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["validate", "still-tank", "--dim", "3", "--resolutions", "4"], ["still-tank 3D 1/4", "Scene box", "use a"]),
+        (["benchmark", "--dim", "3", "--particles", "5"], ["3D, 1 x 5", "Scene box", "use a"]),
+    ],
+)
+def test_too_few_particles_for_a_scene_are_refused_in_one_line(arguments, said, capsys):
+    assert main([*arguments, "--device", "cpu"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert all(word in line for word in said)
+
+
+@pytest.mark.parametrize("path", ["no/such/folder/out.json", "."])
+def test_a_benchmark_looks_for_the_folder_of_its_results_first(path, capsys):
+    assert main(["benchmark", "--json", path]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert len(printed.err.splitlines()) == 1
+
+
+def test_a_benchmark_keeps_every_row_it_has(tmp_path, monkeypatch):
+    written = []
+    monkeypatch.setattr("fluidgym.validation.report.write_json", lambda path, rows: written.append(len(rows)))
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("fluidgym.validation.run", interrupt)
+    arguments = ["--dim", "2", "--particles", "200", "400", "--device", "cpu", "--json", str(tmp_path / "out.json")]
+    with pytest.raises(KeyboardInterrupt):
+        main(["benchmark", *arguments])
+    assert written == [2, 3]  # the machine, and one row more each time
 
 
 def test_json_is_written_whole_or_not_at_all(tmp_path):

@@ -1,10 +1,12 @@
 """What a world amounts to, against hand counts, exact integrals and conservation laws."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from fluidgym import diagnostics
-from fluidgym.scene import OPEN, Ball, Box, Fluid, Material, Particles, Scene
+from fluidgym.scene import OPEN, PERIODIC, Ball, Box, Fluid, Material, Particles, Scene
 from fluidgym.scheme import Scheme
 from fluidgym.solver import Solver
 from fluidgym.sph.state_equation import TAIT
@@ -138,6 +140,13 @@ def test_particles_that_leave_are_counted():
     solver.reset(np.array([True, False]))
     assert diagnostics.retired_particles(solver, 0) == 0
     assert diagnostics.retired_particles(solver, 1) == found.retired
+    # Another start counts from its reset on.
+    whole = flying.sample()
+    half = Particles(**{field.name: getattr(whole, field.name)[:50] for field in dataclasses.fields(whole)})
+    solver.set_start([1], [half])
+    assert diagnostics.retired_particles(solver, 1) == found.retired
+    solver.reset(np.array([False, True]))
+    assert diagnostics.retired_particles(solver, 1) == 0
 
 
 @pytest.mark.parametrize("height", [0.0, 0.01, 0.2, 0.4])
@@ -151,3 +160,27 @@ def test_pressure_at_a_place_is_hydrostatic_up_to_the_walls(height):
 def test_there_is_no_pressure_in_the_air():
     solver = Solver(still_water(), device="cpu")
     assert diagnostics.pressure_at(solver, np.array([[0.25, 0.9]])) == 0.0
+
+
+def test_a_wall_does_not_pull_on_drops_below_it():
+    # A layer without pressure hangs under the ceiling: gravity would make that of its images above negative.
+    ceiling = Scene((0.0, 0.0), (0.5, 0.5), 0.025, Fluid(Box((0.0, 0.4), (0.5, 0.5))), reference_speed=2.2)
+    solver = Solver(ceiling, device="cpu")
+    assert diagnostics.pressure_at(solver, np.array([[0.25, 0.5]])) == 0.0
+    # Under a floor it still makes them positive.
+    floor = dataclasses.replace(ceiling, fluid=Fluid(Box((0.0, 0.0), (0.5, 0.1))))
+    assert diagnostics.pressure_at(Solver(floor, device="cpu"), np.array([[0.25, 0.0]])) > 50.0
+
+
+def test_a_periodic_face_has_the_pressure_of_the_other_side():
+    wave = Fluid(Box((0.0, 0.0), (0.5, 0.5)), pressure=lambda x: 1000.0 + 900.0 * np.sin(8.0 * np.pi * x[:, 0]))
+    ring = Scene(
+        (0.0, 0.0), (0.5, 0.5), 0.025, wave, dict.fromkeys(("x_min", "x_max"), PERIODIC), 0.0, reference_speed=2.2
+    )
+    solver = Solver(ring, device="cpu")
+    places = np.array([[0.0, 0.25], [0.5, 0.25], [0.25, 0.25], [0.01, 0.25], [0.26, 0.25]])
+    left, right, middle, near, inside = diagnostics.pressure_at(solver, places)
+    assert left == pytest.approx(right, rel=1e-6)
+    assert left == pytest.approx(1000.0, rel=1e-3)
+    assert middle == pytest.approx(1000.0, rel=1e-3)
+    assert near == pytest.approx(inside, rel=1e-3)  # half a box on, the wave is the same

@@ -1,15 +1,17 @@
 """The environments: Gymnasium's rules, single against vector, seeds, limits, bad input."""
 
+import gc
 import itertools
 import os
 import subprocess
 import sys
 import warnings
+import weakref
 
 import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.error import ResetNeeded
+from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.wrappers import RecordVideo
@@ -101,10 +103,42 @@ def test_autoreset_mode_belongs_to_the_instance():
     assert FluidVectorEnv.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
 
 
-@pytest.mark.parametrize("env_id", IDS)
-def test_registered_time_limit_is_that_of_the_task(env_id):
-    spec = gym.spec(env_id)
-    assert spec.max_episode_steps == FluidEnv(**spec.kwargs).task.max_episode_steps
+@pytest.mark.parametrize(
+    ("options", "steps"),
+    [
+        ({"control_interval": 0.5}, 8),
+        ({"control_interval": 0.3}, 14),
+        ({"episode": 0.3}, 6),
+        ({"episode": 0.3, "control_interval": 0.1}, 3),
+    ],
+)
+def test_an_episode_lasts_as_long_whatever_the_control_interval(options, steps):
+    single, many = gym.make(ID, **SMALL, **options), gym.make_vec(ID, num_envs=2, **SMALL, **options)
+    assert gym.spec(ID).max_episode_steps is None
+    single.reset(seed=0)
+    many.reset(seed=0)
+    for step in range(1, steps + 1):
+        observation, _, _, truncated, info = single.step(np.zeros(1, np.float32))
+        assert truncated == (step == steps)
+        assert (many.step(np.zeros((2, 1), np.float32))[3] == truncated).all()
+        assert (observation[-1] == 1.0) == truncated  # the time that is observed ends with the episode, not before
+    length = options.get("episode", 4.0)
+    assert length - 1e-9 <= info["time"] < length + single.unwrapped.task.control_interval
+
+
+def test_the_default_episode_has_80_steps():
+    for env_id in IDS:
+        assert gym.make(env_id, **SMALL).unwrapped.task.max_episode_steps == 80
+
+
+def test_no_episode_goes_on_past_that_of_the_task():
+    single = gym.make(ID, max_episode_steps=9, episode=0.2, **SMALL)
+    many = gym.make_vec(ID, num_envs=2, max_episode_steps=9, episode=0.2, **SMALL)
+    single.reset(seed=0)
+    many.reset(seed=0)
+    for step in range(4):
+        assert single.step(np.zeros(1, np.float32))[3] == (step == 3)
+        assert (many.step(np.zeros((2, 1), np.float32))[3] == (step == 3)).all()
 
 
 @pytest.mark.parametrize("kind", ["flat", "grid"])
@@ -134,12 +168,13 @@ def test_both_kinds_of_observation_say_the_same():
 # -- one world against many --------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("limit", [{"max_episode_steps": 12}, {"episode": 0.6}])
 @pytest.mark.parametrize("mode", list(AutoresetMode))
-def test_vector_env_equals_eight_single_envs_bit_for_bit(mode):
+def test_vector_env_equals_eight_single_envs_bit_for_bit(mode, limit):
     # Twelve steps an episode, so that every world is reset two or three times, two of them out of turn.
-    many = gym.make_vec(ID, num_envs=8, max_episode_steps=12, autoreset_mode=mode, **SMALL)
+    many = gym.make_vec(ID, num_envs=8, autoreset_mode=mode, **limit, **SMALL)
     singles = gym.vector.SyncVectorEnv(
-        [lambda: gym.make(ID, max_episode_steps=12, disable_env_checker=True, **SMALL)] * 8, autoreset_mode=mode
+        [lambda: gym.make(ID, disable_env_checker=True, **limit, **SMALL)] * 8, autoreset_mode=mode
     )
     a, b = many.reset(seed=7), singles.reset(seed=7)
     assert same(a[0], b[0])
@@ -229,10 +264,29 @@ def test_disabled_mode_waits_for_a_reset():
     envs.step(np.zeros((2, 1)))
 
 
-def test_step_before_reset_is_refused():
-    for env, action in ((FluidEnv(**SMALL), np.zeros(1)), (FluidVectorEnv(2, **SMALL), np.zeros((2, 1)))):
-        with pytest.raises(ResetNeeded):
-            env.step(action)
+@pytest.mark.parametrize("make", [FluidEnv, FluidVectorEnv])
+def test_nothing_happens_before_the_first_reset(make):
+    env = make(render_mode="rgb_array", **SMALL)
+    with pytest.raises(ResetNeeded, match=r"step was called before reset; call reset\(\) first"):
+        env.step(np.zeros(env.action_space.shape))
+    with pytest.raises(ResetNeeded, match=r"render was called before reset; call reset\(\) first"):
+        env.render()
+
+
+@pytest.mark.parametrize("make", [FluidEnv, FluidVectorEnv])
+def test_close_frees_the_worlds_and_is_final(make):
+    env = make(render_mode="rgb_array", **SMALL)
+    env.reset(seed=0)
+    action = np.zeros(env.action_space.shape)
+    env.step(action)
+    left = [weakref.ref(env.solver), weakref.ref(env.solver.state), weakref.ref(env.task)]
+    env.close()
+    env.close()
+    gc.collect()
+    assert [one() for one in left] == [None] * 3
+    for call in (lambda: env.reset(seed=0), lambda: env.step(action), env.render, lambda: env.solver):
+        with pytest.raises(ClosedEnvironmentError, match="was used after close; make a new environment"):
+            call()
 
 
 # -- seeds -------------------------------------------------------------------------------------------------------
@@ -267,8 +321,23 @@ def test_a_list_of_seeds_gives_each_world_its_own():
         envs.reset(seed=[1, 2])
 
 
+@pytest.mark.parametrize("make", [FluidEnv, FluidVectorEnv])
+@pytest.mark.parametrize("seed", [1.5, -1, "1", [2.5]])
+def test_a_bad_seed_is_refused(make, seed):
+    env = make(**SMALL)
+    with pytest.raises(ValueError, match=r"^seed = .* must be a whole number of 0 or more"):
+        env.reset(seed=seed)
+
+
 def test_envs_without_a_seed_differ():
     assert (FluidEnv(**SMALL).reset()[0] != FluidEnv(**SMALL).reset()[0]).any()
+
+
+def test_a_task_keeps_only_so_many_columns():
+    task = make_task("DamBreakContain", resolution=30, variation=0.2)
+    for seed in range(2 * dam_break_contain.COLUMNS_KEPT):
+        task.start(np.random.default_rng(seed))
+    assert task._column.cache_info().currsize == dam_break_contain.COLUMNS_KEPT
 
 
 def test_starts_vary_as_much_as_asked():
@@ -440,7 +509,16 @@ def test_bad_actions_of_a_vector_env_are_refused_and_named():
         ({"grid": (12, 16, 3)}, "must be 2 whole numbers above 0"),
         ({"grid": (48, 64)}, "finer than the particle spacing 0.075 m; use at most"),
         ({"control_interval": -1.0}, "control_interval = -1.0 s is outside 0.005 to 0.5; use 0.05"),
-        ({"max_wall_speed": 0.0}, "max_speed = 0.0 m/s must be finite and above 0"),
+        ({"control_interval": None}, "control_interval = None s is outside 0.005 to 0.5; use 0.05"),
+        ({"episode": 0.0}, "episode = 0.0 s is outside 0.005 to 3600; use 4"),
+        ({"dim": [2]}, "dim = [2] is unknown; use 2 or 3"),
+        ({"depth": 1.0}, "depth = 1.0 is for 3D only; leave it out in 2D"),
+        ({"dim": 3, "depth": 2.0}, "depth = 2.0 is outside 0.1 to 1; use 0.5"),
+        ({"scheme": None}, "scheme = None is not a Scheme; give fluidgym.Scheme(...)"),
+        ({"weights": [0.1]}, "weights = [0.1] is not a mapping; give one, such as {'effort': 0.05"),
+        ({"max_wall_speed": 0.0}, "max_wall_speed = 0.0 m/s must be finite and above 0"),
+        ({"max_wall_speed": "a"}, "max_wall_speed = 'a' m/s must be finite and above 0"),
+        ({"max_wall_acceleration": None}, "max_wall_acceleration = None m/s2 must be finite and above 0"),
         ({"weights": {"mess": 1.0}}, "weights has no 'mess'; use effort, splash, spread"),
         ({"device": "tpu"}, "device = 'tpu' is not on this machine"),
         ({"render_mode": "ascii"}, "render_mode = 'ascii' is unknown; use 'human', 'rgb_array' or None"),
@@ -457,8 +535,9 @@ def test_bad_options_are_refused_by_name(env_class, options, message):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"num_envs": 0}, "num_envs = 0 is below the limit 1"),
-        ({"max_episode_steps": 0}, "max_episode_steps = 0 is below the limit 1"),
+        ({"num_envs": 0}, "num_envs = 0 is not a whole number of 1 or more"),
+        ({"num_envs": 1.5}, "num_envs = 1.5 is not a whole number of 1 or more"),
+        ({"max_episode_steps": 0}, "max_episode_steps = 0 is not a whole number of 1 or more"),
         ({"autoreset_mode": "Sometimes"}, "autoreset_mode = 'Sometimes' is unknown; use 'NextStep'"),
     ],
 )

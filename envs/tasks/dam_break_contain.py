@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -29,11 +29,11 @@ TRAVEL = (2.6 * HEIGHT, LENGTH)  # of the wall [m]
 ZONE_WIDTH = 3.0 * HEIGHT  # [m]
 ZONE_HEIGHT = 0.8 * HEIGHT  # [m]
 SPLASH_HEIGHT = 1.2 * HEIGHT  # [m]
-EPISODE = 4.0  # [s]
 RESOLUTION = {2: 16, 3: 10}
 GRID = {2: (10, 20), 3: (6, 3, 12)}
 WEIGHTS = {"effort": 0.05, "splash": 0.2, "spread": 0.1}
 GRAVITY = 9.81  # [m/s2]
+COLUMNS_KEPT = 48  # sampled columns that a task keeps: all there are at the default resolution and variation
 
 # Past this a world has blown up, though its numbers may still be finite: impacts reach 0.1 to 0.2.
 LARGEST_DENSITY_ERROR = 0.5
@@ -46,14 +46,15 @@ class DamBreakContain(Task):
     limited in speed and acceleration and brakes before the ends of its travel.
 
     Observation: fluid fraction 0 to 2 and momentum -1 to 1 (over full cells at 2 sqrt(g H)) on a coarse grid over the
-    box; beside it the wall's position (0 to 1 over its travel), its velocity (-1 to 1) and the time (0 to 1 over 4 s).
+    box; beside it the wall's position (0 to 1 over its travel), its velocity (-1 to 1) and the time (0 to 1 over the
+    episode).
 
     Reward, from -0.35 to 1 with the default weights: containment - 0.05 effort - 0.2 splash - 0.1 spread, where
     containment is the share of the fluid in the zone x < 1.8 m, height < 0.48 m; splash the share above 0.72 m; spread
     its width; effort that of the wall. A world that has diverged gets the lowest reward and is terminated.
 
-    Every episode has a column of its own, wider or narrower and higher or lower by up to `variation`, its particles
-    shifted by up to `jitter` of their spacing.
+    An episode is truncated after `episode` seconds, whatever the control interval. Each has a column of its own, wider
+    or narrower and higher or lower by up to `variation`, its particles shifted by up to `jitter` of their spacing.
     """
 
     def __init__(
@@ -64,11 +65,12 @@ class DamBreakContain(Task):
         obs: str = "flat",
         grid: Sequence[int] | None = None,
         control_interval: float = 0.05,
+        episode: float = 4.0,
         max_wall_speed: float = 1.5,
         max_wall_acceleration: float = 8.0,
         variation: float = 0.1,
         jitter: float = 0.05,
-        depth: float = 0.5,
+        depth: float | None = None,
         weights: Mapping[str, float] | None = None,
         scheme: Scheme = DEFAULT_SCHEME,
     ):
@@ -81,36 +83,45 @@ class DamBreakContain(Task):
             obs: "flat" is one vector, "grid" (channel, ny, nx) or (channel, nz, ny, nx).
             grid: Cells of the coarse grid, (ny, nx) or (nz, ny, nx); None is (10, 20) or (6, 3, 12).
             control_interval: Time between actions [s].
+            episode: How long an episode is [s]; rounded up to whole control intervals.
             max_wall_speed: [m/s].
             max_wall_acceleration: [m/s2].
             variation: Largest change of the column's width and height from episode to episode, as a share.
             jitter: Largest shift of each start position, as a share of the particle spacing.
-            depth: In 3D, the share of the tank's depth that the column takes; 1 makes the 2D flow of a slice.
+            depth: Only in 3D: the share of the tank's depth that the column takes; 1 makes the 2D flow of a slice, None
+                is 0.5.
             weights: Of effort, splash and spread in the reward; those not named keep their default.
             scheme: How the fluid is simulated.
 
         Raises:
             ValueError: An argument is out of its limits.
         """
-        if dim not in BOX:
+        if dim not in tuple(BOX):
             raise ValueError(f"dim = {dim!r} is unknown; use 2 or 3")
         resolution = RESOLUTION[dim] if resolution is None else resolution
         _check_range("resolution", resolution, 8, 512, f"{RESOLUTION[dim]}", "particles over the column's height")
         if resolution != int(resolution):
             raise ValueError(f"resolution = {resolution} must be a whole number; use {round(resolution)}")
         _check_range("control_interval", control_interval, 0.005, 0.5, "0.05", "s")
+        _check_range("episode", episode, 0.005, 3600.0, "4", "s")
         _check_range("variation", variation, 0.0, 0.2, "0.1")
         _check_range("jitter", jitter, 0.0, 0.25, "0.05")
+        if depth is not None and dim == 2:
+            raise ValueError(f"depth = {depth!r} is for 3D only; leave it out in 2D")
+        depth = 0.5 if depth is None else depth
         _check_range("depth", depth, 0.1, 1.0, "0.5")
+        if not isinstance(scheme, Scheme):
+            raise ValueError(f"scheme = {scheme!r} is not a Scheme; give fluidgym.Scheme(...), or leave it out")
         observations.check_kind(obs)
         self.dim, self.scheme, self.obs = dim, scheme, obs
-        self.control_interval = control_interval
-        self.max_episode_steps = round(EPISODE / control_interval)
+        self.control_interval, self.episode = control_interval, episode
+        self.max_episode_steps = max(1, math.ceil(episode / control_interval - 1e-9))
         self.wall = DrivenWall(TRAVEL, max_wall_speed, max_wall_acceleration, command, control_interval)
         self.grid = observations.check_grid(GRID[dim] if grid is None else grid, dim)
         self.weights = _all_weights(weights)
         self.variation, self.jitter, self.depth = variation, jitter, depth
         self.spacing = HEIGHT / resolution
+        self._column = lru_cache(COLUMNS_KEPT)(partial(_column, dim, self.spacing))
         self.reference_speed = 2.0 * math.sqrt(GRAVITY * HEIGHT)
         self.zone = ((0.0,) * dim, (ZONE_WIDTH, *BOX[dim][1:-1], ZONE_HEIGHT))
         self.scene = _scene(dim, self.spacing, self._columns(1.0 + variation))
@@ -122,7 +133,7 @@ class DamBreakContain(Task):
     def start(self, rng: np.random.Generator) -> Particles:
         """A column of a size of its own, on the lattice, with its particles a little out of place."""
         width, height = 1.0 + self.variation * rng.uniform(-1.0, 1.0, 2)
-        column = _column(self.dim, self.spacing, self._columns(width, height))
+        column = self._column(self._columns(width, height))
         shift = self.jitter * self.spacing * rng.uniform(-1.0, 1.0, column.position.shape)
         return replace(column, position=column.position + shift)
 
@@ -190,7 +201,7 @@ class DamBreakContain(Task):
         grid = self._deposit.run(now.position, now.velocity, now.identity)
         position = np.clip((self._position - low) / (high - low), 0.0, 1.0)
         velocity = np.clip(self._velocity / self.wall.max_speed, -1.0, 1.0)
-        time = np.clip(self._time() / EPISODE, 0.0, 1.0)
+        time = np.clip(self._time() / self.episode, 0.0, 1.0)
         return observations.assemble(self.obs, grid, np.stack([position, velocity, time], axis=1))
 
     def reward(self) -> np.ndarray:
@@ -254,7 +265,6 @@ def close_in(info: Mapping[str, Any], target: float = ZONE_WIDTH, gain: float = 
     return np.clip(gain * left, -1.0, 1.0)[..., None].astype(np.float32)
 
 
-@lru_cache
 def _column(dim: int, spacing: float, particles: tuple[int, ...]) -> Particles:
     """A column at rest on the lattice, its dam just gone."""
     return _scene(dim, spacing, particles).sample()
@@ -276,6 +286,8 @@ def _scene(dim: int, spacing: float, particles: tuple[int, ...]) -> Scene:
 def _all_weights(given: Mapping[str, float] | None) -> dict[str, float]:
     """The weights of the costs, those not given at their default."""
     weights = dict(WEIGHTS)
+    if given is not None and not isinstance(given, Mapping):
+        raise ValueError(f"weights = {given!r} is not a mapping; give one, such as {WEIGHTS}")
     for name, value in (given or {}).items():
         if name not in weights:
             raise ValueError(f"weights has no {name!r}; use {', '.join(weights)}")

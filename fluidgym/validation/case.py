@@ -166,7 +166,7 @@ def run(
 
 def _go_on(solver: Solver, duration: float, progress: Callable[[float], object]) -> tuple[int, float]:
     """Advance by a duration [s] in equal steps; return their number and how long they took [s]."""
-    steps = math.ceil(duration / solver.max_step - 1e-9)
+    steps = solver.steps_for(duration)
     dt = duration / steps
     seconds = 0.0
     full, rest = divmod(steps, STEPS_AT_ONCE)

@@ -69,11 +69,16 @@ def observe(solver: Solver) -> dict[str, float]:
     return {"front": front(solver.particles(), solver.scene) / HEIGHT} | dict(zip(SENSORS, pressures, strict=True))
 
 
-def front_errors(times: np.ndarray, records: Records) -> dict[float, float]:
-    """(x - x_ref) / (x_ref - 2 H) at each t* of the table that was reached."""
+def front_errors(times: np.ndarray, fronts: np.ndarray) -> dict[float, float]:
+    """(x - x_ref) / (x_ref - 2 H) at each t* of the table that was reached.
+
+    Args:
+        times: Instants that were observed, those of the table among them [s], (n,).
+        fronts: x/H, (n,).
+    """
     reached = times / TIME_UNIT
     return {
-        float(t): float((records["front"][np.argmin(np.abs(reached - t))] - x) / (x - 2.0))
+        float(t): float((fronts[np.argmin(np.abs(reached - t))] - x) / (x - 2.0))
         for t, x in zip(FRONT_TIMES, FRONT, strict=True)
         if t <= reached[-1] + 1e-6
     }
@@ -81,7 +86,7 @@ def front_errors(times: np.ndarray, records: Records) -> dict[float, float]:
 
 def errors(times: np.ndarray, records: Records, scene: Scene) -> dict[str, float]:
     """The errors that the head of this file defines."""
-    late = [abs(error) for t, error in front_errors(times, records).items() if t >= 1.0]
+    late = [abs(error) for t, error in front_errors(times, records["front"]).items() if t >= 1.0]
     found = {"front": float(np.max(late)) if late else math.nan}
     t = times / TIME_UNIT
     if t[-1] < PRESSURE_TIMES[-1] - 1e-6:
