@@ -1,5 +1,6 @@
 """Every example runs, and passes the check at its end."""
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -107,3 +108,13 @@ def test_dam_break_reports_a_front_that_is_off(tmp_path):
     coarse = run_example("dam_break.py", "--resolution", "8", "--seconds", "0.5", "--device", "cpu", folder=tmp_path)
     assert coarse.returncode == 1
     assert "off the published curve; use a finer --resolution" in coarse.stderr
+
+
+def test_readme_snippets_run(tmp_path):
+    readme = (EXAMPLES.parent / "README.md").read_text(encoding="utf-8")
+    snippets = re.findall(r"^```python\n(.*?)^```$", readme, re.MULTILINE | re.DOTALL)
+    assert len(snippets) == 2
+    for snippet in snippets:
+        command = [sys.executable, "-c", snippet]
+        result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300)
+        assert result.returncode == 0, result.stderr
