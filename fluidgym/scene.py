@@ -252,7 +252,8 @@ class Material:
 
     Attributes:
         density: Rest density rho_0 [kg/m3].
-        viscosity: Kinematic viscosity nu [m2/s]; 0 leaves the viscous term to the scheme's artificial one.
+        viscosity: Kinematic viscosity nu [m2/s]; it counts towards the scheme's artificial one, which adds only what
+            is missing.
         sound_speed: Artificial speed of sound c_0 [m/s], at least five times the largest speed expected in the scene;
             None takes ten times that speed.
 
@@ -424,32 +425,39 @@ class Scene:
 
     def sample_motion(self) -> tuple[np.ndarray, np.ndarray]:
         """Start positions [m] and velocities [m/s] on the lattice of the box, each (n, dim)."""
-        positions, velocities, _ = self._sample_bodies()
-        return positions, velocities
+        return self._sample_motion(self._sample_places())
 
     def sample(self) -> Particles:
         """The particles at the start. Pressure is that asked for; density is left at rest (the solver sets it)."""
-        positions, velocities, pressures = self._sample_bodies()
+        places = self._sample_places()
+        positions, velocities = self._sample_motion(places)
+        pressures = [self._start_pressure(body, points) for body, points in places]
         n = len(positions)
-        return Particles(positions, velocities, np.full(n, self.material.density), pressures, np.arange(n))
+        density = np.full(n, self.material.density)
+        return Particles(positions, velocities, density, np.concatenate([np.empty(0), *pressures]), np.arange(n))
 
-    def _sample_bodies(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        dx, dim = self.particle_spacing, self.dim
-        positions, velocities, pressures = [np.empty((0, dim))], [np.empty((0, dim))], [np.empty(0)]
+    def _sample_places(self) -> list[tuple[Fluid, np.ndarray]]:
+        """Each body and its lattice points [m], (n, dim)."""
+        places = []
         for index, body in enumerate(self.fluid):
             points = self._lattice(*body.shape.bounds())
             inside = body.shape.contains(points)
             for earlier in self.fluid[:index]:
                 inside &= ~earlier.shape.contains(points)
-            points = points[inside]
-            positions.append(points)
-            velocities.append(_evaluate("Fluid.velocity", body.velocity, points, (len(points), dim)))
-            pressures.append(self._start_pressure(body, points))
-        position = np.concatenate(positions)
+            places.append((body, points[inside]))
+        return places
+
+    def _sample_motion(self, places: list[tuple[Fluid, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+        """Start positions [m], jittered, and velocities [m/s] of the bodies, each (n, dim)."""
+        velocities = [
+            _evaluate("Fluid.velocity", body.velocity, points, (len(points), self.dim)) for body, points in places
+        ]
+        nothing = np.empty((0, self.dim))
+        position = np.concatenate([nothing, *(points for _, points in places)])
         if self.jitter:
             shift = np.random.default_rng(self.seed).uniform(-1.0, 1.0, position.shape)
-            position = position + self.jitter * dx * shift
-        return position, np.concatenate(velocities), np.concatenate(pressures)
+            position = position + self.jitter * self.particle_spacing * shift
+        return position, np.concatenate([nothing, *velocities])
 
     def _lattice(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
         """Lattice points of the box between two corners, cell-centred so that walls stand half a spacing away."""

@@ -25,7 +25,8 @@ class Scheme:
         state_equation: Pressure from density, LINEAR or TAIT.
         gamma: Exponent of TAIT.
         density_diffusion: delta of the density diffusion (Marrone et al. 2011); 0 leaves the term out.
-        artificial_viscosity: alpha of the artificial viscosity; 0 leaves it out.
+        artificial_viscosity: alpha of the artificial viscosity, which makes up what the fluid's own lacks of it; 0
+            leaves it out.
         viscosity: Form of the fluid's own viscosity, VISCOSITY_MORRIS or VISCOSITY_MONAGHAN; left out where there is
             none.
         courant: Time step over h / (c_0 + largest expected speed).

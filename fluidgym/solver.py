@@ -153,7 +153,6 @@ class Solver:
             "kernel_value": sigma,
             "kernel_slope": sigma / h**2,
             "volume": scene.particle_spacing**scene.dim,
-            "rho_0": material.density,
             "c_0": c_0,
             "inv_c_0_squared": 1.0 / c_0**2,
             "gamma": scheme.gamma,

@@ -76,24 +76,21 @@ def copy_integers(
     target[row, targets[n] * size + i % size] = source[row, sources[n] * size + i % size]
 
 
-def copy_worlds(sources: np.ndarray, targets: np.ndarray, size: int, source: wp.array, target: wp.array) -> None:
+def copy_worlds(sources: wp.array, targets: wp.array, size: int, source: wp.array, target: wp.array) -> None:
     """Copy worlds from one array to another.
 
     Args:
-        sources: Numbers of the worlds to read, (n,).
-        targets: Numbers of the worlds to write, (n,).
+        sources: Numbers of the worlds to read, on the device, (n,).
+        targets: Numbers of the worlds to write, on the device, (n,).
         size: Columns of a world: the last axis of both arrays is world * size + column.
         source: Read.
         target: Written.
     """
     rows = source if source.ndim == 2 else source.reshape((1, source.shape[0]))
     target = target if target.ndim == 2 else target.reshape((1, target.shape[0]))
-    worlds = [
-        wp.array(np.asarray(numbers, np.int32), dtype=int, device=source.device) for numbers in (sources, targets)
-    ]
     kernel = copy_integers if source.dtype is wp.int32 else copy_numbers
-    shape = (rows.shape[0], len(sources) * size)
-    wp.launch(kernel, dim=shape, inputs=[*worlds, size, rows], outputs=[target], device=source.device)
+    shape = (rows.shape[0], sources.shape[0] * size)
+    wp.launch(kernel, dim=shape, inputs=[sources, targets, size, rows], outputs=[target], device=source.device)
 
 
 class State:
@@ -125,20 +122,26 @@ class State:
 
     def set_start(self, worlds: np.ndarray, batch: ParticleArrays) -> None:
         """Make the worlds of a batch the start of the worlds of these numbers (n,)."""
+        sources, targets = self._numbers(np.arange(len(worlds))), self._numbers(worlds)
         for name, source in batch.arrays().items():
-            copy_worlds(np.arange(len(worlds)), worlds, self.capacity, source, getattr(self.start, name))
+            copy_worlds(sources, targets, self.capacity, source, getattr(self.start, name))
 
     def reset(self, worlds: np.ndarray) -> None:
         """Copy the start of the worlds of these numbers (n,) over their present."""
+        chosen = self._numbers(worlds)
         for name, source in self.start.arrays().items():
-            copy_worlds(worlds, worlds, self.capacity, source, getattr(self.now, name))
+            copy_worlds(chosen, chosen, self.capacity, source, getattr(self.now, name))
         for name, source in face_arrays(self.faces_start).items():
             flat = (source.size,)
             for faces in (self.faces, self.faces_middle):
                 target = getattr(faces, name).reshape(flat)
-                copy_worlds(worlds, worlds, source.shape[1], source.reshape(flat), target)
+                copy_worlds(chosen, chosen, source.shape[1], source.reshape(flat), target)
         nothing = wp.zeros(self.num_worlds, dtype=int, device=self.device)
-        copy_worlds(worlds, worlds, 1, nothing, self.clamped)
+        copy_worlds(chosen, chosen, 1, nothing, self.clamped)
+
+    def _numbers(self, worlds: np.ndarray) -> wp.array:
+        """Numbers of worlds (n,), on the device."""
+        return wp.array(np.asarray(worlds, np.int32), dtype=int, device=self.device)
 
     def snapshot(self) -> dict[str, np.ndarray]:
         """The present of all worlds as NumPy arrays."""

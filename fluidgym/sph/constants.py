@@ -16,7 +16,6 @@ class Constants:
     kernel_value: float  # normalisation sigma of the smoothing kernel [1/m^dim]
     kernel_slope: float  # sigma / h^2 [1/m^(dim+2)]
     volume: float  # rest volume of a particle, dx^dim [m^dim]
-    rho_0: float  # rest density [kg/m3]
     c_0: float  # speed of sound [m/s]
     inv_c_0_squared: float  # [s2/m2]
     gamma: float  # exponent of Tait's equation
