@@ -11,7 +11,19 @@ from gymnasium.envs.registration import register
 from fluidgym._names import check_import_name
 
 if TYPE_CHECKING:
-    from fluidgym.scene import Ball, Box, Face, Fluid, Material, Particles, Region, Scene
+    from fluidgym.scene import (
+        Ball,
+        Body,
+        Box,
+        Face,
+        Fluid,
+        Inflow,
+        Material,
+        Outflow,
+        Particles,
+        Region,
+        Scene,
+    )
     from fluidgym.scheme import Scheme
     from fluidgym.solver import Solver
 
@@ -19,7 +31,21 @@ check_import_name()
 
 __version__ = "0.1.0"
 
-__all__ = ["Ball", "Box", "Face", "Fluid", "Material", "Particles", "Region", "Scene", "Scheme", "Solver"]
+__all__ = [
+    "Ball",
+    "Body",
+    "Box",
+    "Face",
+    "Fluid",
+    "Inflow",
+    "Material",
+    "Outflow",
+    "Particles",
+    "Region",
+    "Scene",
+    "Scheme",
+    "Solver",
+]
 
 _HOMES = {"Scheme": "fluidgym.scheme", "Solver": "fluidgym.solver"}
 

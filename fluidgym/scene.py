@@ -1,4 +1,4 @@
-"""What is simulated: the box and its faces, the fluid, gravity, the material.
+"""What is simulated: the box and its faces, the fluid, solid bodies, nozzles and drains, gravity, the material.
 
 Everything here is plain NumPy and frozen; a scene is checked when it is made. The last axis is up: y in two
 dimensions, z in three.
@@ -7,18 +7,57 @@ dimensions, z in three.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from numbers import Integral, Real
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
-Point = tuple[float, ...]
-PointFunction = Callable[[np.ndarray], np.ndarray]
+from fluidgym.checks import Point, check_number, check_type, point, set_point
+from fluidgym.parts import (
+    NO_SLIP_WALL,
+    OPEN,
+    PERIODIC,
+    WALL,
+    Body,
+    Face,
+    Fluid,
+    Inflow,
+    Material,
+    Outflow,
+    Particles,
+    pipe_frame,
+)
+from fluidgym.shapes import Ball, Box, Region
+
+__all__ = [
+    "AXES",
+    "NO_SLIP_WALL",
+    "OPEN",
+    "PERIODIC",
+    "WALL",
+    "Ball",
+    "Body",
+    "Box",
+    "Face",
+    "Fluid",
+    "Inflow",
+    "Material",
+    "Outflow",
+    "Particles",
+    "Region",
+    "Scene",
+    "check_type",
+    "face_names",
+    "released_head",
+]
 
 AXES = "xyz"
+
+# Fluid starts at least this far from a body, over the spacing; the wall of the box is half a spacing away.
+BODY_CLEARANCE = 0.25
 
 # Sound speed over the largest expected speed: keeps density variations near 1 % (Monaghan 1994).
 MACH_MARGIN = 10.0
@@ -32,271 +71,9 @@ def face_names(dim: int) -> tuple[str, ...]:
     return tuple(f"{AXES[axis]}_{side}" for axis in range(dim) for side in ("min", "max"))
 
 
-def check_type(name: str, value: Any, kinds: Any, what: str, remedy: str) -> None:
-    """Refuse a value of a wrong type.
-
-    Args:
-        name: Of the field, as in the message.
-        value: The value.
-        kinds: Type or types that it may have.
-        what: Those types in words.
-        remedy: What to use.
-
-    Raises:
-        ValueError: It has none of the types.
-    """
-    if not isinstance(value, kinds):
-        raise ValueError(f"{name} = {_shown(value)} is not {what}; use {remedy}")
-
-
-def _shown(value: Any) -> str:
-    """A value as in a message: in one line."""
-    return " ".join(repr(value).split())
-
-
-def _check_choice(name: str, value: Any, choices: tuple[str, ...], remedy: str) -> None:
-    if not isinstance(value, str) or value not in choices:
-        raise ValueError(f"{name} = {_shown(value)} is unknown; use {remedy}")
-
-
-def _point(name: str, value: Any, unit: str, remedy: str) -> Point:
-    if not (np.iterable(value) and all(isinstance(component, Real) for component in value)):
-        raise ValueError(f"{name} = {_shown(value)} is not a sequence of numbers [{unit}]; {remedy}")
-    point = tuple(float(component) for component in value)
-    if not all(math.isfinite(component) for component in point):
-        raise ValueError(f"{name} = {point} must be finite; give numbers")
-    return point
-
-
-def _set_point(owner: Any, name: str, unit: str, remedy: str = "give one for each axis") -> None:
-    """Check a field of a frozen object and make it a tuple of floats."""
-    point = _point(f"{type(owner).__name__}.{name}", getattr(owner, name), unit, remedy)
-    object.__setattr__(owner, name, point)
-
-
-def _check_number(name: str, value: float, unit: str, above: float | None = None, least: float | None = None) -> None:
-    check_type(name, value, Real, "a number", f"one in {unit}")
-    if not math.isfinite(value):
-        raise ValueError(f"{name} = {value} {unit} must be finite; give a number")
-    if above is not None and value <= above:
-        raise ValueError(f"{name} = {value:g} {unit} must be greater than {above:g}; give a positive value")
-    if least is not None and value < least:
-        raise ValueError(f"{name} = {value:g} {unit} is below the limit {least:g}; use {least:g} or more")
-
-
-@dataclass(frozen=True)
-class Face:
-    """One face of the box.
-
-    Attributes:
-        kind: "wall" keeps the fluid in; "open" has nothing there, and particles that leave are retired and counted;
-            "periodic" joins the face to its opposite.
-        slip: "free" lets the fluid slide along the wall; "no" makes viscosity stick to it.
-        moving: Whether the wall moves along its normal. Only walls can.
-        travel: Lowest and highest position of a moving wall [m], (2,); None lets it go anywhere inside the box.
-        start: Position of a moving wall at the start [m], inside its travel; None is the end of its travel on its own
-            side of the box: the lowest for a "min" face, the highest for a "max" face.
-        sliding: Velocity of the wall within its own plane [m/s], (dim,); only viscosity feels it, where slip is "no".
-
-    Raises:
-        ValueError: A field is of a wrong type, out of its limits, or of no effect beside the others.
-    """
-
-    kind: Literal["wall", "open", "periodic"] = "wall"
-    slip: Literal["free", "no"] = "free"
-    moving: bool = False
-    travel: tuple[float, float] | None = None
-    start: float | None = None
-    sliding: Point | None = None
-
-    def __post_init__(self) -> None:
-        _check_choice("Face.kind", self.kind, ("wall", "open", "periodic"), "'wall', 'open' or 'periodic'")
-        _check_choice("Face.slip", self.slip, ("free", "no"), "'free' or 'no'")
-        check_type("Face.moving", self.moving, (bool, np.bool_), "a bool", "True or False")
-        if self.travel is not None:
-            _set_point(self, "travel", "m", "give (lowest, highest)")
-        if self.start is not None:
-            _check_number("Face.start", self.start, "m")
-        if self.sliding is not None:
-            _set_point(self, "sliding", "m/s")
-        motion = (self.travel, self.start, self.sliding)
-        if self.kind != "wall" and (self.moving or motion != (None, None, None) or self.slip == "no"):
-            raise ValueError(
-                f"Face.kind = {self.kind!r} takes no motion and no slip; only a 'wall' moves or holds the fluid"
-            )
-        if self.travel is not None and not (len(self.travel) == 2 and self.travel[0] < self.travel[1]):
-            raise ValueError(f"Face.travel = {self.travel} m must rise; give (lowest, highest)")
-        for name in ("travel", "start"):
-            if getattr(self, name) is not None and not self.moving:
-                raise ValueError(
-                    f"Face.{name} = {getattr(self, name)} m is of no effect on a wall at rest; set moving=True"
-                )
-        if self.sliding is not None and self.slip != "no":
-            raise ValueError(f"Face.sliding = {self.sliding} m/s is of no effect on a wall of free slip; set slip='no'")
-
-
-WALL = Face()
-OPEN = Face("open")
-PERIODIC = Face("periodic")
-NO_SLIP_WALL = Face(slip="no")
-
-
-@dataclass(frozen=True)
-class Box:
-    """An axis-aligned box of fluid between two corners [m], each (dim,)."""
-
-    lower: Point
-    upper: Point
-
-    def __post_init__(self) -> None:
-        _set_point(self, "lower", "m")
-        _set_point(self, "upper", "m")
-
-    def contains(self, points: np.ndarray) -> np.ndarray:
-        """Which of the points (n, dim) [m] lie inside: bool (n,)."""
-        return np.all((points >= self.lower) & (points < self.upper), axis=1)
-
-    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lower and upper corner [m], each (dim,)."""
-        return np.asarray(self.lower, float), np.asarray(self.upper, float)
-
-
-@dataclass(frozen=True)
-class Ball:
-    """A disc (two dimensions) or ball (three): center [m] (dim,) and radius [m]."""
-
-    center: Point
-    radius: float
-
-    def __post_init__(self) -> None:
-        _set_point(self, "center", "m")
-        check_type("Ball.radius", self.radius, Real, "a number", "a positive one [m]")
-
-    def contains(self, points: np.ndarray) -> np.ndarray:
-        """Which of the points (n, dim) [m] lie inside: bool (n,)."""
-        return np.sum((points - np.asarray(self.center)) ** 2, axis=1) < self.radius**2
-
-    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lower and upper corner of the enclosing box [m], each (dim,)."""
-        center = np.asarray(self.center, float)
-        return center - self.radius, center + self.radius
-
-
-@dataclass(frozen=True)
-class Region:
-    """Any shape: a predicate on points (n, dim) [m] -> bool (n,), looked for between two corners [m]."""
-
-    predicate: PointFunction
-    lower: Point
-    upper: Point
-
-    def __post_init__(self) -> None:
-        check_type(
-            "Region.predicate", self.predicate, Callable, "a function", "one of points (n, dim) [m] -> bool (n,)"
-        )
-        _set_point(self, "lower", "m")
-        _set_point(self, "upper", "m")
-
-    def contains(self, points: np.ndarray) -> np.ndarray:
-        """Which of the points (n, dim) [m] lie inside: bool (n,)."""
-        inside = np.asarray(self.predicate(points), bool)
-        if inside.shape != (len(points),):
-            raise ValueError(
-                f"Region.predicate returned shape {inside.shape}, limit ({len(points)},); return one bool a point"
-            )
-        return inside & Box(self.lower, self.upper).contains(points)
-
-    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """The two corners [m], each (dim,)."""
-        return np.asarray(self.lower, float), np.asarray(self.upper, float)
-
-
-Shape = Box | Ball | Region
-
-
-@dataclass(frozen=True)
-class Fluid:
-    """A body of fluid at the start.
-
-    Attributes:
-        shape: Where it is: a Box, a Ball or a Region.
-        velocity: One velocity [m/s] (dim,), or a function of points (n, dim) [m] -> (n, dim); None is at rest.
-        pressure: "hydrostatic" balances gravity below the top of the shape; "released" is that of a dam just gone: a
-            Box on the floor, held by the wall x_min and free at its upper x and on top; "none" starts at zero; a
-            function gives it at points (n, dim) [m] -> (n,) [Pa].
-
-    Raises:
-        ValueError: A field is of a wrong type or unknown.
-    """
-
-    shape: Shape
-    velocity: Point | PointFunction | None = None
-    pressure: Literal["hydrostatic", "released", "none"] | PointFunction = "none"
-
-    def __post_init__(self) -> None:
-        check_type("Fluid.shape", self.shape, Shape, "a shape", "a Box, a Ball or a Region")
-        if not callable(self.pressure):
-            known = "'hydrostatic', 'released', 'none' or a function of points"
-            _check_choice("Fluid.pressure", self.pressure, ("hydrostatic", "released", "none"), known)
-        if self.velocity is not None and not callable(self.velocity):
-            _set_point(self, "velocity", "m/s", "give one for each axis, or a function of points")
-        if self.pressure == "released" and not isinstance(self.shape, Box):
-            raise ValueError(
-                f"Fluid.pressure = 'released' is for a Box, not a {type(self.shape).__name__}; use 'hydrostatic'"
-            )
-
-
-@dataclass(frozen=True)
-class Material:
-    """The fluid itself.
-
-    Attributes:
-        density: Rest density rho_0 [kg/m3].
-        viscosity: Kinematic viscosity nu [m2/s]; it counts towards the scheme's artificial one, which adds only what
-            is missing.
-        sound_speed: Artificial speed of sound c_0 [m/s], at least five times the largest speed expected in the scene;
-            None takes ten times that speed.
-
-    Raises:
-        ValueError: A field is of a wrong type or out of its limits.
-    """
-
-    density: float = 1000.0
-    viscosity: float = 0.0
-    sound_speed: float | None = None
-
-    def __post_init__(self) -> None:
-        _check_number("Material.density", self.density, "kg/m3", above=0.0)
-        _check_number("Material.viscosity", self.viscosity, "m2/s", least=0.0)
-        if self.sound_speed is not None:
-            _check_number("Material.sound_speed", self.sound_speed, "m/s", above=0.0)
-
-
-@dataclass(frozen=True)
-class Particles:
-    """Particles of one world, in order of identity.
-
-    Attributes:
-        position: [m], (particle, dim).
-        velocity: [m/s], (particle, dim).
-        density: [kg/m3], (particle,).
-        pressure: [Pa], (particle,).
-        identity: Stable number of each particle within its world, (particle,).
-    """
-
-    position: np.ndarray
-    velocity: np.ndarray
-    density: np.ndarray
-    pressure: np.ndarray
-    identity: np.ndarray
-
-    def __len__(self) -> int:
-        return len(self.identity)
-
-
 @dataclass(frozen=True)
 class Scene:
-    """A box of fluid, complete: what is simulated, and nothing of how.
+    """A box of fluid and what is in it, complete: what is simulated, and nothing of how.
 
     Attributes:
         lower: Lower corner of the box [m], (dim,).
@@ -310,6 +87,12 @@ class Scene:
             sqrt(g * height of the fluid's top over the floor).
         jitter: Largest random shift of each start position as a share of the spacing.
         seed: Seed of the jitter.
+        bodies: Solids by name. Fluid is left out where they are.
+        inflows: Nozzles by name. Their pipes are full at the start; other fluid is left out where they are.
+        outflows: Drains and channel ends by name.
+        reserve: Particles of each world set aside for the inflows; None is as many as would fill the box. A nozzle that
+            finds the reserve used up stops until particles have been retired.
+        central_force: Pull towards the origin over the distance from it [1/s2], added to gravity.
 
     Raises:
         ValueError: A field is out of its limits; the message names the field, the value, the limit and the remedy.
@@ -325,11 +108,16 @@ class Scene:
     reference_speed: float | None = None
     jitter: float = 0.0
     seed: int = 0
+    bodies: Mapping[str, Body] = field(default_factory=dict)
+    inflows: Mapping[str, Inflow] = field(default_factory=dict)
+    outflows: Mapping[str, Outflow] = field(default_factory=dict)
+    reserve: int | None = None
+    central_force: float = 0.0
 
     def __post_init__(self) -> None:
         set_ = object.__setattr__
-        _set_point(self, "lower", "m")
-        _set_point(self, "upper", "m")
+        set_point(self, "lower", "m")
+        set_point(self, "upper", "m")
         if len(self.lower) not in (2, 3) or len(self.lower) != len(self.upper):
             raise ValueError(
                 f"Scene.lower and Scene.upper have {len(self.lower)} and {len(self.upper)} components;"
@@ -340,12 +128,15 @@ class Scene:
                 raise ValueError(
                     f"Scene.upper {AXES[axis]} = {high:g} m must exceed Scene.lower {AXES[axis]} = {low:g} m"
                 )
-        _check_number("Scene.particle_spacing", self.particle_spacing, "m", above=0.0)
+        check_number("Scene.particle_spacing", self.particle_spacing, "m", above=0.0)
         check_type("Scene.material", self.material, Material, "a Material", "Material(density=1000.0)")
         set_(self, "gravity", self._gravity_vector(self.gravity))
         set_(self, "faces", self._all_faces(self.faces))
         self._check_motion()
-        set_(self, "fluid", self._all_bodies(self.fluid))
+        set_(self, "fluid", self._all_fluid(self.fluid))
+        for name, kind in (("bodies", Body), ("inflows", Inflow), ("outflows", Outflow)):
+            set_(self, name, _named(name, getattr(self, name), kind))
+        check_number("Scene.central_force", self.central_force, "1/s2")
         check_type("Scene.jitter", self.jitter, Real, "a number", "0 to 0.25")
         if not 0.0 <= self.jitter <= 0.5:
             raise ValueError(f"Scene.jitter = {self.jitter:g} is outside 0 to 0.5 spacings; use 0.25 or less")
@@ -353,9 +144,17 @@ class Scene:
         if self.seed < 0:
             raise ValueError(f"Scene.seed = {self.seed} is below the limit 0; use 0 or more")
         if self.reference_speed is not None:
-            _check_number("Scene.reference_speed", self.reference_speed, "m/s", above=0.0)
+            check_number("Scene.reference_speed", self.reference_speed, "m/s", above=0.0)
         for body in self.fluid:
             self._check_fluid(body)
+        for name, solid in self.bodies.items():
+            self._check_body(name, solid)
+        for name, inflow in self.inflows.items():
+            self._check_inflow(name, inflow)
+        for name, outflow in self.outflows.items():
+            self._check_inside(f"Scene.outflows[{name!r}].region", *outflow.region.bounds())
+        self._check_reserve()
+        self._check_temperatures()
         self._check_sound_speed()
 
     @property
@@ -401,6 +200,10 @@ class Scene:
         speed = float(np.sqrt((velocity**2).sum(axis=1).max(initial=0.0)))
         gravity = self.gravity_vector
         g = float(np.linalg.norm(gravity))
+        speed = max([speed, *(inflow.top_speed for inflow in self.inflows.values())])
+        if self.central_force and len(position):
+            reach = float(np.sqrt((position**2).sum(axis=1).max()))
+            speed = max(speed, reach * math.sqrt(abs(self.central_force)))
         if g and len(position):
             depth = -(position @ gravity) / g
             floor = -gravity / g @ np.where(gravity > 0, self.upper, self.lower)
@@ -424,17 +227,31 @@ class Scene:
         return np.where([start is None for start in given], np.clip(corners, low, high), np.array(given, float))
 
     def sample_motion(self) -> tuple[np.ndarray, np.ndarray]:
-        """Start positions [m] and velocities [m/s] on the lattice of the box, each (n, dim)."""
+        """Start positions [m] and velocities [m/s] on the lattice of the box and in pipes, each (n, dim)."""
         return self._sample_motion(self._sample_places())
 
     def sample(self) -> Particles:
         """The particles at the start. Pressure is that asked for; density is left at rest (the solver sets it)."""
         places = self._sample_places()
         positions, velocities = self._sample_motion(places)
-        pressures = [self._start_pressure(body, points) for body, points in places]
         n = len(positions)
+        pressure, temperature = np.zeros(n), None
+        pressures = [self._start_pressure(body, points) for body, points in places]
+        lattice = sum(map(len, pressures))
+        pressure[:lattice] = np.concatenate([np.empty(0), *pressures])
+        if self.material.thermal_diffusivity:
+            warmth = [
+                _evaluate("Fluid.temperature", body.temperature, points, (len(points),)) for body, points in places
+            ]
+            pipes = [np.full(len(self._pipe(inflow)[0]), inflow.temperature) for inflow in self.inflows.values()]
+            temperature = np.concatenate([np.empty(0), *warmth, *pipes])
         density = np.full(n, self.material.density)
-        return Particles(positions, velocities, density, np.concatenate([np.empty(0), *pressures]), np.arange(n))
+        return Particles(positions, velocities, density, pressure, np.arange(n), temperature)
+
+    @property
+    def capacity(self) -> int:
+        """Particles that a world has room for: those at the start, and the reserve of the inflows."""
+        return self._start_count + (self.reserve or 0)
 
     def _sample_places(self) -> list[tuple[Fluid, np.ndarray]]:
         """Each body and its lattice points [m], (n, dim)."""
@@ -442,13 +259,17 @@ class Scene:
         for index, body in enumerate(self.fluid):
             points = self._lattice(*body.shape.bounds())
             inside = body.shape.contains(points)
+            for solid in self.bodies.values():
+                inside &= solid.shape.distance(points) > BODY_CLEARANCE * self.particle_spacing
+            for inflow in self.inflows.values():
+                inside &= ~self._in_pipe(inflow, points)
             for earlier in self.fluid[:index]:
                 inside &= ~earlier.shape.contains(points)
             places.append((body, points[inside]))
         return places
 
     def _sample_motion(self, places: list[tuple[Fluid, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
-        """Start positions [m], jittered, and velocities [m/s] of the bodies, each (n, dim)."""
+        """Start positions [m], jittered, and velocities [m/s], those in pipes last, each (n, dim)."""
         velocities = [
             _evaluate("Fluid.velocity", body.velocity, points, (len(points), self.dim)) for body, points in places
         ]
@@ -457,7 +278,31 @@ class Scene:
         if self.jitter:
             shift = np.random.default_rng(self.seed).uniform(-1.0, 1.0, position.shape)
             position = position + self.jitter * self.particle_spacing * shift
-        return position, np.concatenate([nothing, *velocities])
+        pipes = [self._pipe(inflow) for inflow in self.inflows.values()]
+        position = np.concatenate([position, *(points for points, _ in pipes)])
+        return position, np.concatenate([nothing, *velocities, *(motion for _, motion in pipes)])
+
+    def _pipe(self, inflow: Inflow) -> tuple[np.ndarray, np.ndarray]:
+        """Start positions [m] and velocities [m/s] of the particles in a pipe, each (n, dim)."""
+        dx, frame = self.particle_spacing, pipe_frame(inflow.direction)
+        across, share = inflow.rows(dx)
+        half = 0.5 * np.array([inflow.width, inflow.height or inflow.width])[: self.dim - 1]
+        rows = np.asarray(inflow.center) + (across * half) @ frame[1:]
+        along = (np.arange(round(inflow.pipe_length(dx) / dx)) + 0.5) * dx
+        position = (along[:, None, None] * frame[0] + rows).reshape(-1, self.dim)
+        return position, np.tile(share[:, None] * inflow.speed * frame[0], (len(along), 1))
+
+    def _in_pipe(self, inflow: Inflow, points: np.ndarray) -> np.ndarray:
+        """Which of the points (n, dim) [m] are in a pipe or within half a spacing of it: bool (n,)."""
+        margin = 0.5 * self.particle_spacing * (1.0 - 1e-6)
+        place = (points - np.asarray(inflow.center)) @ pipe_frame(inflow.direction).T
+        half = 0.5 * np.array([inflow.width, inflow.height or inflow.width])[: self.dim - 1]
+        if self.dim == 3 and inflow.height is None:
+            inside = (place[:, 1:] ** 2).sum(axis=1) < (half[0] + margin) ** 2
+        else:
+            inside = (np.abs(place[:, 1:]) < half + margin).all(axis=1)
+        length = inflow.pipe_length(self.particle_spacing)
+        return inside & (place[:, 0] > -margin) & (place[:, 0] < length + margin)
 
     def _lattice(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
         """Lattice points of the box between two corners, cell-centred so that walls stand half a spacing away."""
@@ -489,7 +334,7 @@ class Scene:
             gravity = 9.81
         if isinstance(gravity, Real):
             gravity = (0.0,) * (self.dim - 1) + (-float(gravity),)
-        gravity = _point("Scene.gravity", gravity, "m/s2", "give one for each axis, or one number for downwards")
+        gravity = point("Scene.gravity", gravity, "m/s2", "give one for each axis, or one number for downwards")
         if len(gravity) != self.dim:
             raise ValueError(f"Scene.gravity = {gravity} m/s2 has {len(gravity)} components; give {self.dim}")
         return gravity
@@ -542,7 +387,7 @@ class Scene:
                     " meet; give both a Face.travel that keeps them apart"
                 )
 
-    def _all_bodies(self, given: Fluid | Sequence[Fluid]) -> tuple[Fluid, ...]:
+    def _all_fluid(self, given: Fluid | Sequence[Fluid]) -> tuple[Fluid, ...]:
         if isinstance(given, Fluid):
             return (given,)
         check_type("Scene.fluid", given, Iterable, "a Fluid or a list of them", "[Fluid(shape)], or [] for none")
@@ -550,6 +395,69 @@ class Scene:
         for index, body in enumerate(bodies):
             check_type(f"Scene.fluid[{index}]", body, Fluid, "a Fluid", "Fluid(shape)")
         return bodies
+
+    def _check_inside(self, name: str, low: np.ndarray, high: np.ndarray) -> None:
+        """Refuse what reaches out of the box."""
+        if len(low) != self.dim:
+            raise ValueError(f"{name} has {len(low)} components, limit {self.dim}; match Scene.lower")
+        for axis in range(self.dim):
+            slack = 1e-6 * (self.upper[axis] - self.lower[axis])
+            if low[axis] < self.lower[axis] - slack or high[axis] > self.upper[axis] + slack:
+                raise ValueError(
+                    f"{name} spans {AXES[axis]} = {low[axis]:g} to {high[axis]:g} m, outside the box"
+                    f" {self.lower[axis]:g} to {self.upper[axis]:g} m; move it or enlarge the box"
+                )
+
+    def _check_body(self, name: str, body: Body) -> None:
+        low, _ = body.shape.bounds()
+        if len(low) != self.dim:
+            raise ValueError(
+                f"Scene.bodies[{name!r}].shape has {len(low)} components, limit {self.dim}; match Scene.lower"
+            )
+
+    def _check_inflow(self, name: str, inflow: Inflow) -> None:
+        label = f"Scene.inflows[{name!r}]"
+        if len(inflow.center) != self.dim:
+            raise ValueError(f"{label}.center has {len(inflow.center)} components, limit {self.dim}; match Scene.lower")
+        if inflow.width < self.particle_spacing * (1.0 - 1e-6):
+            raise ValueError(
+                f"{label}.width = {inflow.width:g} m is below Scene.particle_spacing = {self.particle_spacing:g} m;"
+                " use a wider opening or a smaller spacing"
+            )
+        position, _ = self._pipe(inflow)
+        self._check_inside(f"{label} pipe", position.min(axis=0), position.max(axis=0))
+
+    def _check_reserve(self) -> None:
+        if self.reserve is not None:
+            check_type("Scene.reserve", self.reserve, Integral, "a whole number", "0 or more, or None")
+            if self.reserve < 0:
+                raise ValueError(f"Scene.reserve = {self.reserve} is below the limit 0; use 0 or more")
+            if self.reserve and not self.inflows:
+                raise ValueError(f"Scene.reserve = {self.reserve} is of no effect without inflows; leave it out")
+        elif self.inflows:
+            extent = np.asarray(self.upper) - np.asarray(self.lower)
+            room = math.ceil(float(np.prod(extent)) / self.particle_spacing**self.dim)
+            object.__setattr__(self, "reserve", max(0, room - self._start_count))
+
+    def _check_temperatures(self) -> None:
+        """Refuse temperatures where no heat is conducted."""
+        if self.material.thermal_diffusivity:
+            return
+        given = {f"faces[{name!r}]": face.temperature for name, face in self.faces.items()}
+        given |= {f"bodies[{name!r}]": body.temperature for name, body in self.bodies.items()}
+        given |= {f"fluid[{index}]": fluid.temperature or None for index, fluid in enumerate(self.fluid)}
+        given |= {f"inflows[{name!r}]": inflow.temperature or None for name, inflow in self.inflows.items()}
+        for name, temperature in given.items():
+            if temperature is not None:
+                raise ValueError(
+                    f"Scene.{name}.temperature = {temperature} is of no effect where nothing conducts heat;"
+                    " set Material.thermal_diffusivity"
+                )
+
+    @cached_property
+    def _start_count(self) -> int:
+        """Number of particles at the start."""
+        return len(self.sample_motion()[0])
 
     def _check_sound_speed(self) -> None:
         given = self.material.sound_speed
@@ -622,6 +530,15 @@ class Scene:
                     f" {low[axis]:g} m, the face is {self.faces[name].kind!r} at {start:g} m; move the Box or use"
                     " 'hydrostatic'"
                 )
+
+
+def _named(field_name: str, given: Any, kind: type) -> dict[str, Any]:
+    """The parts of one kind by name, checked."""
+    check_type(f"Scene.{field_name}", given, Mapping, "a mapping", f"{{'name': {kind.__name__}(...)}}")
+    for name, part in given.items():
+        check_type(f"Scene.{field_name} name", name, str, "a string", "a name such as 'gate'")
+        check_type(f"Scene.{field_name}[{name!r}]", part, kind, f"a {kind.__name__}", f"{kind.__name__}(...)")
+    return dict(given)
 
 
 def released_head(points: np.ndarray, width: float, height: float) -> np.ndarray:

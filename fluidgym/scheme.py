@@ -4,49 +4,90 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from numbers import Real
+from types import NoneType
+from typing import Literal
 
-from fluidgym.scene import check_type
+from fluidgym.checks import check_choice, check_range, check_type
 from fluidgym.sph.continuity import DENSITY_DIFFUSION, DIVERGENCE
+from fluidgym.sph.integrators import KICK_DRIFT_KICK, LEAPFROG, Integrator
+from fluidgym.sph.mueller import KERNEL_VISCOSITY, POLY6_SUMMATION, spiky_pressure
 from fluidgym.sph.pressure import PRESSURE_GRADIENT
-from fluidgym.sph.smoothing import WENDLAND_C2, SmoothingKernel
-from fluidgym.sph.state_equation import LINEAR, StateEquation
-from fluidgym.sph.terms import DensityRate, Drag, Force, Term
+from fluidgym.sph.smoothing import POLY6, WENDLAND_C2, SmoothingKernel
+from fluidgym.sph.state_equation import LINEAR, StateEquation, without_tension
+from fluidgym.sph.terms import DensityRate, DensitySum, Drag, Force, Term
 from fluidgym.sph.viscosity import ARTIFICIAL_VISCOSITY, VISCOSITY_MORRIS
+from fluidgym.sph.wall_models import MIRROR_WALLS, PenaltyWalls, WallModel
+
+PRESETS = ("delta", "mueller")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scheme:
-    """Weakly compressible delta-SPH with mirror-image walls. Its fields are given by name.
+    """How a scene is simulated. Its fields are given by name; left out, they are weakly compressible delta-SPH.
 
     Attributes:
-        kernel: Smoothing kernel.
-        smoothing_ratio: Smoothing length over particle spacing, h/dx; None is 1.5 in 2D and 1.3 in 3D.
+        preset: "delta" advances the density by the continuity equation and has mirror-image walls; "mueller" sums it up
+            with Poly6 and takes the forces of Mueller, Charypar & Gross (2003).
+        kernel: Smoothing kernel of the delta preset's terms and of `terms`.
+        smoothing_ratio: Smoothing length over particle spacing, h/dx; None is 1.5 in 2D and 1.3 in 3D, and 2 for
+            mueller, whose kernels end at h.
         state_equation: Pressure from density, LINEAR or TAIT.
         gamma: Exponent of TAIT.
-        density_diffusion: delta of the density diffusion (Marrone et al. 2011); 0 leaves the term out.
+        tension: Whether pressure may be negative; None is yes, and no for mueller.
+        density_diffusion: delta of the density diffusion (Marrone et al. 2011); 0 leaves the term out. Not of mueller.
         artificial_viscosity: alpha of the artificial viscosity, which makes up what the fluid's own lacks of it; 0
             leaves it out.
-        viscosity: Form of the fluid's own viscosity, VISCOSITY_MORRIS or VISCOSITY_MONAGHAN; left out where there is
-            none.
-        courant: Time step over h / (c_0 + largest expected speed).
+        viscosity: Form of the fluid's own viscosity, VISCOSITY_MORRIS, VISCOSITY_MONAGHAN or KERNEL_VISCOSITY; None is
+            the preset's. Left out where the fluid has none.
+        integrator: KICK_DRIFT_KICK, LEAPFROG, SYMPLECTIC_EULER or EXPLICIT_EULER; None is KICK_DRIFT_KICK, and LEAPFROG
+            for mueller.
+        walls: MirrorWalls(), PenaltyWalls(), ClampWalls() or FrozenWalls().
+        courant: Time step over h / (c_0 + largest expected speed); None is 1, and 0.4 for mueller.
         terms: Further terms, added to those the fields above imply.
 
     Raises:
-        ValueError: A field is of a wrong type or out of its limits.
+        ValueError: A field is of a wrong type, out of its limits, or goes with no other.
     """
 
+    preset: Literal["delta", "mueller"] = "delta"
     kernel: SmoothingKernel = WENDLAND_C2
     smoothing_ratio: float | None = None
     state_equation: StateEquation = LINEAR
     gamma: float = 7.0
+    tension: bool | None = None
     density_diffusion: float = 0.1
     artificial_viscosity: float = 0.01
-    viscosity: Force | Drag = VISCOSITY_MORRIS
-    courant: float = 1.0
+    viscosity: Force | Drag | None = None
+    integrator: Integrator | None = None
+    walls: WallModel = MIRROR_WALLS
+    courant: float | None = None
     terms: tuple[Term, ...] = ()
 
     def __post_init__(self) -> None:
+        check_choice("Scheme.preset", self.preset, PRESETS, " or ".join(map(repr, PRESETS)))
+        mueller = self.preset == "mueller"
+        kinds = {
+            "kernel": (SmoothingKernel, "a SmoothingKernel", "WENDLAND_C2"),
+            "state_equation": (StateEquation, "a StateEquation", "LINEAR or TAIT"),
+            "viscosity": ((Force, Drag, NoneType), "a Force or Drag", "VISCOSITY_MORRIS or VISCOSITY_MONAGHAN"),
+            "integrator": ((Integrator, NoneType), "an Integrator", "KICK_DRIFT_KICK or LEAPFROG"),
+            "walls": (WallModel, "a wall model", "MirrorWalls(), PenaltyWalls(), ClampWalls() or FrozenWalls()"),
+            "tension": ((bool, NoneType), "a bool", "True or False"),
+            "terms": (tuple, "a tuple", "(Force(function),)"),
+        }
+        for name, kind in kinds.items():
+            check_type(f"Scheme.{name}", getattr(self, name), *kind)
+        defaults = {
+            "tension": not mueller,
+            "viscosity": KERNEL_VISCOSITY if mueller else VISCOSITY_MORRIS,
+            "integrator": LEAPFROG if mueller else KICK_DRIFT_KICK,
+            "courant": 0.4 if mueller else 1.0,
+        }
+        for name, value in defaults.items():
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, value)
+        if mueller and self.kernel is WENDLAND_C2:
+            object.__setattr__(self, "kernel", POLY6)
         limits = {
             "smoothing_ratio": (1.0, 3.0, "1.3 to 2"),
             "gamma": (1.0, 10.0, "7"),
@@ -57,41 +98,57 @@ class Scheme:
         for name, (low, high, advice) in limits.items():
             if name == "smoothing_ratio" and self.smoothing_ratio is None:
                 continue
-            value = getattr(self, name)
-            check_type(f"Scheme.{name}", value, Real, "a number", advice)
-            if not low <= value <= high:
-                raise ValueError(f"Scheme.{name} = {value:g} is outside {low:g} to {high:g}; use {advice}")
-        kinds = {
-            "kernel": (SmoothingKernel, "a SmoothingKernel", "WENDLAND_C2"),
-            "state_equation": (StateEquation, "a StateEquation", "LINEAR or TAIT"),
-            "viscosity": ((Force, Drag), "a Force or Drag", "VISCOSITY_MORRIS or VISCOSITY_MONAGHAN"),
-            "terms": (tuple, "a tuple", "(Force(function),)"),
-        }
-        for name, kind in kinds.items():
-            check_type(f"Scheme.{name}", getattr(self, name), *kind)
+            check_range(f"Scheme.{name}", getattr(self, name), low, high, advice)
         for index, term in enumerate(self.terms):
             check_type(f"Scheme.terms[{index}]", term, Term, "a DensityRate, Force or Drag", "Force(function)")
+        self._check_together()
+
+    def _check_together(self) -> None:
+        """Refuse fields that do not go together."""
+        assert self.integrator is not None
+        if self.preset == "mueller" and self.integrator.closing_drift:
+            raise ValueError(
+                f"Scheme.integrator = {self.integrator.name} moves particles after their density is summed up; use"
+                " LEAPFROG, SYMPLECTIC_EULER or EXPLICIT_EULER with the preset 'mueller'"
+            )
+        if self.preset == "mueller" and self.kernel is not POLY6:
+            raise ValueError(
+                f"Scheme.kernel = {self.kernel.name} is of no effect on the preset 'mueller'; leave it out"
+            )
+        forces = self.force_terms(viscous=True)
+        if self.preset == "delta" and any(term.reads_density for term in forces):
+            raise ValueError("Scheme.viscosity = KERNEL_VISCOSITY needs the preset 'mueller'; use VISCOSITY_MORRIS")
 
     def smoothing_length(self, spacing: float, dim: int) -> float:
         """Smoothing length h [m] for a particle spacing [m]."""
-        return spacing * (self.smoothing_ratio or {2: 1.5, 3: 1.3}[dim])
+        usual = 2.0 if self.preset == "mueller" else {2: 1.5, 3: 1.3}[dim]
+        return spacing * (self.smoothing_ratio or usual)
 
-    def density_terms(self) -> tuple[DensityRate, ...]:
-        """The terms of ds/dt."""
+    @property
+    def pressure_law(self) -> StateEquation:
+        """The state equation, without negative pressures where there is no tension."""
+        return self.state_equation if self.tension else without_tension(self.state_equation)
+
+    def density_terms(self) -> tuple[DensityRate | DensitySum, ...]:
+        """What makes the density: a sum, or the terms of ds/dt."""
+        if self.preset == "mueller":
+            return (POLY6_SUMMATION,)
         diffusion = (DENSITY_DIFFUSION,) if self.density_diffusion else ()
         return (DIVERGENCE, *diffusion, *(t for t in self.terms if isinstance(t, DensityRate)))
 
     def force_terms(self, viscous: bool) -> tuple[Force | Drag, ...]:
         """The terms of du/dt, for a fluid with viscosity of its own or without."""
+        pressure = spiky_pressure(self.pressure_law) if self.preset == "mueller" else PRESSURE_GRADIENT
         artificial = (ARTIFICIAL_VISCOSITY,) if self.artificial_viscosity else ()
-        laminar = (self.viscosity,) if viscous else ()
-        return (PRESSURE_GRADIENT, *artificial, *laminar, *(t for t in self.terms if not isinstance(t, DensityRate)))
+        laminar = (self.viscosity,) if viscous and self.viscosity else ()
+        return (pressure, *artificial, *laminar, *(t for t in self.terms if isinstance(t, Force | Drag)))
 
     def time_step(self, h: float, sound_speed: float, speed: float, viscosity: float, gravity: float) -> float:
-        """Largest stable time step [s]: sound, viscosity and body force each set a limit.
+        """Largest stable time step [s]: sound, viscosity (of momentum or heat) and body force each set a limit.
 
-        Monaghan (1992) eq. 10; the factors are measured ones of this integrator.
+        Monaghan (1992) eq. 10; the factors are measured ones of the default integrator.
         """
+        assert self.courant is not None
         step = self.courant * h / (sound_speed + speed)
         if viscosity:
             step = min(step, 0.125 * h * h / viscosity)
@@ -101,3 +158,6 @@ class Scheme:
 
 
 DEFAULT_SCHEME = Scheme()
+
+# The method this field began with: all springs and no mirrors. Its walls may be any of the others.
+MUELLER = Scheme(preset="mueller", walls=PenaltyWalls(), artificial_viscosity=0.0)

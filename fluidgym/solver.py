@@ -141,17 +141,16 @@ class Solver:
         artificial = max(0.0, scheme.artificial_viscosity * h * c_0 - own)
         viscosity = (own + artificial) / (2 * (scene.dim + 2))
         gravity = float(np.linalg.norm(scene.gravity_vector))
-        sigma = scheme.kernel.sigma(scene.dim) / h**scene.dim
         self.max_step = scheme.time_step(h, c_0, scene.speed_scale, viscosity, gravity)
         self._values = {
             "dt": self.max_step,
             "spacing": scene.particle_spacing,
             "h": h,
             "support": scheme.kernel.support * h,
-            "inv_support": 1.0 / (scheme.kernel.support * h),
+            "inv_h": 1.0 / h,
+            "inv_h_volume": 1.0 / h**scene.dim,
+            "inv_h_slope": 1.0 / h ** (scene.dim + 2),
             "skin": SKIN * h,
-            "kernel_value": sigma,
-            "kernel_slope": sigma / h**2,
             "volume": scene.particle_spacing**scene.dim,
             "c_0": c_0,
             "inv_c_0_squared": 1.0 / c_0**2,
@@ -184,8 +183,8 @@ class Solver:
             no_slip=tuple(face.slip == "no" for face in faces),
             density_terms=scheme.density_terms(),
             force_terms=scheme.force_terms(scene.material.viscosity > 0),
-            slope=scheme.kernel.slope,
-            pressure=scheme.state_equation.pressure,
+            slope=scheme.kernel.slope(dim),
+            pressure=scheme.pressure_law.pressure,
             gravity=bool(np.any(scene.gravity_vector)),
             plain=plain_loops,
         )

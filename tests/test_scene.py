@@ -357,7 +357,7 @@ BAD_SCENES = {
     ),
     "faces without names": (
         {"faces": [WALL]},
-        "Scene.faces = [Face(kind='wall', slip='free', moving=False, travel=None, start=None, sliding=None)]"
+        "Scene.faces = [Face(kind='wall', slip='free', moving=False, travel=None, start=None, sliding=None, temperature=None)]"
         " is not a mapping; use {'x_min': Face('wall')}",
     ),
     "jitter in words": ({"jitter": "0.1"}, "Scene.jitter = '0.1' is not a number; use 0 to 0.25"),
@@ -450,7 +450,7 @@ BAD_PARTS = {
     "unknown slip": (lambda: Face(slip="some"), "Face.slip = 'some' is unknown; use 'free' or 'no'"),
     "opening that moves": (
         lambda: Face("open", moving=True),
-        "Face.kind = 'open' takes no motion and no slip; only a 'wall' moves or holds the fluid",
+        "Face.kind = 'open' takes no motion, no slip and no temperature; only a 'wall' moves, holds or heats the fluid",
     ),
     "travel downwards": (
         lambda: Face(moving=True, travel=(1.0, 0.5)),
@@ -524,7 +524,7 @@ BAD_PARTS = {
     ),
     "opening that slides": (
         lambda: Face("open", sliding=(0.0, 1.0)),
-        "Face.kind = 'open' takes no motion and no slip; only a 'wall' moves or holds the fluid",
+        "Face.kind = 'open' takes no motion, no slip and no temperature; only a 'wall' moves, holds or heats the fluid",
     ),
     "density in words": (
         lambda: Material(density="1000"),

@@ -65,7 +65,7 @@ def test_time_step_is_the_shortest_that_sound_viscosity_or_gravity_allow():
         ({"artificial_viscosity": 2.0}, "Scheme.artificial_viscosity = 2 is outside 0 to 1; use 0.01"),
         ({"courant": 0.0}, "Scheme.courant = 0 is outside 1e-06 to 2; use 1.0"),
         ({"courant": float("nan")}, "Scheme.courant = nan is outside 1e-06 to 2; use 1.0"),
-        ({"courant": None}, "Scheme.courant = None is not a number; use 1.0"),
+        ({"courant": "fast"}, "Scheme.courant = 'fast' is not a number; use 1.0"),
         ({"gamma": None}, "Scheme.gamma = None is not a number; use 7"),
         ({"smoothing_ratio": "1.5"}, "Scheme.smoothing_ratio = '1.5' is not a number; use 1.3 to 2"),
         ({"kernel": "Wendland"}, "Scheme.kernel = 'Wendland' is not a SmoothingKernel; use WENDLAND_C2"),

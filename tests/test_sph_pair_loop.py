@@ -52,8 +52,8 @@ def make_solver(dim, plain_loops=False, device="cpu"):
 def sum_both(solver, terms, force, tilted, signed, device):
     """Sums of the native and of the plain loop, with an offset, a tilt and signs: (loop, slot, component)."""
     dim, slots = solver.scene.dim, 2 * solver.capacity
-    native, emit_terms = make_pair_loop(dim, terms, DEFAULT_SCHEME.kernel.slope, force, tilted, signed)
-    plain, _ = make_pair_loop(dim, terms, DEFAULT_SCHEME.kernel.slope, force, tilted, signed, plain=True)
+    native, emit_terms = make_pair_loop(dim, terms, DEFAULT_SCHEME.kernel.slope(dim), force, tilted, signed)
+    plain, _ = make_pair_loop(dim, terms, DEFAULT_SCHEME.kernel.slope(dim), force, tilted, signed, plain=True)
     vec = wp.types.vector(dim, wp.float32)
     width = dim if force else 2
 

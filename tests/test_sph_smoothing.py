@@ -20,15 +20,14 @@ each_dim = pytest.mark.parametrize("dim", [2, 3])
 def make_constants(kernel, dim, h=H):
     """The constants that a smoothing kernel reads."""
     c = Constants()
-    sigma = kernel.sigma(dim) / h**dim
-    c.h, c.support, c.inv_support = h, kernel.support * h, 1.0 / (kernel.support * h)
-    c.kernel_value, c.kernel_slope = sigma, sigma / h**2
+    c.h, c.support = h, kernel.support * h
+    c.inv_h, c.inv_h_volume, c.inv_h_slope = 1.0 / h, 1.0 / h**dim, 1.0 / h ** (dim + 2)
     return c
 
 
 def evaluate(kernel, r, dim, h=H):
     """W(r) and W'(r)/r as the device computes them, each of the shape of r, in double precision."""
-    value, slope = kernel.value, kernel.slope
+    value, slope = kernel.value(dim), kernel.slope(dim)
 
     @wp.kernel(module="unique", enable_backward=False)
     def both(r: wp.array[float], c: Constants, W: wp.array[float], dW: wp.array[float]):

@@ -21,7 +21,7 @@ import warp as wp
 from fluidgym.sph.constants import Constants
 from fluidgym.sph.neighbors import Grid, make_cell_of
 from fluidgym.sph.pair_loop import make_pair_loop
-from fluidgym.sph.terms import DensityRate, Drag, Force
+from fluidgym.sph.terms import DensityRate, DensitySum, Drag, Force
 from fluidgym.sph.walls import make_images
 from fluidgym.state import Faces
 
@@ -290,7 +290,7 @@ def make_step(
     dim: int,
     kinds: tuple[str, ...],
     no_slip: tuple[bool, ...],
-    density_terms: tuple[DensityRate, ...],
+    density_terms: tuple[DensityRate | DensitySum, ...],
     force_terms: tuple[Force | Drag, ...],
     slope: wp.Function,
     pressure: wp.Function,

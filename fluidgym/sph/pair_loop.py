@@ -16,7 +16,7 @@ import warp as wp
 
 from fluidgym.sph.constants import Constants
 from fluidgym.sph.neighbors import Grid
-from fluidgym.sph.terms import Drag, Term, total
+from fluidgym.sph.terms import Drag, Term, bound, total
 from fluidgym.state import PADDING
 
 # On a CPU a row is taken in blocks of eight lanes, each lane with sums of its own: what a block reads past its row is
@@ -142,8 +142,8 @@ def make_pair_loop(
     """
     vec = wp.types.vector(dim, wp.float32)
     result = vec if force else wp.vec2
-    drags = tuple(term.function for term in terms if isinstance(term, Drag))
-    term = total(tuple(term.function for term in terms if not isinstance(term, Drag)))
+    drags = tuple(bound(term, dim) for term in terms if isinstance(term, Drag))
+    term = total(tuple(bound(term, dim) for term in terms if not isinstance(term, Drag)))
     drag = total(drags) if drags else None
 
     @wp.func

@@ -5,6 +5,7 @@ Each function gives p / (rho_0 c_0^2) from the relative density error s = rho/rh
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import warp as wp
@@ -48,3 +49,20 @@ TAIT = StateEquation(
     lambda s, gamma: ((1.0 + s) ** gamma - 1.0) / gamma,
     lambda p, gamma: (1.0 + gamma * p) ** (1.0 / gamma) - 1.0,
 )
+
+
+@lru_cache
+def without_tension(equation: StateEquation) -> StateEquation:
+    """The same state equation with negative pressures cut to zero, so that fluid tears instead of clumping."""
+    pressure = equation.pressure
+
+    @wp.func
+    def pressure_or_none(s: float, c: Constants) -> float:
+        return wp.max(pressure(s, c), 0.0)
+
+    return StateEquation(
+        f"{equation.name} without tension",
+        pressure_or_none,
+        lambda s, gamma: np.maximum(equation.pressure_of(s, gamma), 0.0),
+        equation.density_of,
+    )

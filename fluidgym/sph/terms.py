@@ -6,9 +6,12 @@ A term sees only what does not turn with the axes. Its function has the signatur
 
 with r = |x_ij| [m], xu = x_ij . u_ij [m2/s], slope = W'(r)/r, and a the field of its sweep: the relative density
 error s in a density rate, the reduced pressure P in a force. Where i meets a mirror image, xu and a_j are the image's.
+A term with a weight of its own is handed that in place of the slope.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import warp as wp
 
@@ -18,6 +21,8 @@ from fluidgym.sph.constants import Constants
 @dataclass(frozen=True)
 class _Term:
     function: wp.Function
+    weight: Callable[[int], wp.Function] | None = None  # dim -> (r, Constants) -> what stands in for the slope
+    reads_density: bool = False  # a Force or Drag whose field is s, not P
 
     def __post_init__(self) -> None:
         if not isinstance(self.function, wp.Function):
@@ -39,13 +44,40 @@ class Drag(_Term):
     """A term of du_i/dt [m/s2] along the pair's velocity: the sum over j of V function(...) u_ij."""
 
 
-Term = DensityRate | Force | Drag
+@wp.func
+def just_weight(r: float, xu: float, slope: float, a_i: float, a_j: float, c: Constants) -> float:
+    """The weight itself."""
+    return slope
+
+
+@dataclass(frozen=True)
+class DensitySum(_Term):
+    """Density itself, by summation: rho_i / rho_0 is the sum over j, i included, of V weight."""
+
+    function: wp.Function = just_weight
+
+
+Term = DensityRate | DensitySum | Force | Drag
 
 
 @wp.func
 def no_term(r: float, xu: float, slope: float, a_i: float, a_j: float, c: Constants) -> float:
     """The sum of no terms."""
     return 0.0
+
+
+@lru_cache
+def bound(term: _Term, dim: int) -> wp.Function:
+    """The function of a term, with the weight of its own if it has one."""
+    if term.weight is None:
+        return term.function
+    function, weight = term.function, term.weight(dim)
+
+    @wp.func
+    def weighted_term(r: float, xu: float, slope: float, a_i: float, a_j: float, c: Constants) -> float:
+        return function(r, xu, weight(r, c), a_i, a_j, c)
+
+    return weighted_term
 
 
 def total(functions: tuple[wp.Function, ...]) -> wp.Function:
