@@ -1,78 +1,139 @@
-"""What may be changed between steps, in each world: gravity and the velocities of the faces. NumPy only."""
+"""What may be changed between steps, in each world: gravity, motion of faces and bodies, nozzles. NumPy only."""
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, overload
 
 import numpy as np
 
 from fluidgym.scene import Scene, face_names
 
 
-class Controls:
-    """The controls of all worlds.
+@dataclass(frozen=True)
+class Limits:
+    """What a control may be: from `lowest` to `highest`, in `unit`."""
 
-    Both arrays may be written in part or replaced; what is given for one world holds for all.
-    """
+    lowest: float
+    highest: float
+    unit: str
+
+
+class Control:
+    """A control of a solver: an attribute, read, written in part or replaced; one given for one world is for all."""
+
+    def __init__(self, text: str):
+        """Keep what the control is."""
+        self.__doc__ = text
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    @overload
+    def __get__(self, solver: None, owner: type) -> Control: ...
+
+    @overload
+    def __get__(self, solver: object, owner: type) -> np.ndarray: ...
+
+    def __get__(self, solver: Any, owner: type) -> Any:
+        return self if solver is None else solver.controls[self._name]
+
+    def __set__(self, solver: Any, value: Any) -> None:
+        solver.controls.set(self._name, value)
+
+
+class Controls:
+    """The controls of all worlds, by name."""
 
     def __init__(self, scene: Scene, num_worlds: int):
-        """At rest, under the gravity of the scene."""
+        """At rest, under the gravity of the scene, the nozzles as the scene has them."""
         self._scene = scene
-        self._still = np.array([not scene.faces[name].moving for name in face_names(scene.dim)])
-        self._gravity = np.tile(scene.gravity_vector, (num_worlds, 1))
-        self._face_velocity = np.zeros((num_worlds, 2 * scene.dim))
+        dim, inflows = scene.dim, list(scene.inflows.values())
+        n = len(inflows)
+        self._start = {
+            "gravity": scene.gravity_vector,
+            "face_velocity": np.zeros(2 * dim),
+            "body_velocity": np.zeros((len(scene.bodies), dim)),
+            "inflow_speed": np.array([inflow.speed for inflow in inflows]),
+            "inflow_center": np.array([inflow.center for inflow in inflows]).reshape(n, dim),
+            "inflow_direction": np.array([inflow.direction for inflow in inflows]).reshape(n, dim),
+            "inflow_width": np.array([inflow.width for inflow in inflows]),
+        }
+        self._now = {name: np.tile(start, (num_worlds, *[1] * start.ndim)) for name, start in self._start.items()}
 
-    @property
-    def gravity(self) -> np.ndarray:
-        """Acceleration [m/s2], (world, dim)."""
-        return self._gravity
+    def __getitem__(self, name: str) -> np.ndarray:
+        return self._now[name]
 
-    @gravity.setter
-    def gravity(self, value: Any) -> None:
-        self._gravity[...] = _fit("gravity", value, self._gravity.shape)
+    def names(self) -> tuple[str, ...]:
+        """Names of the controls that the scene has a use for."""
+        return tuple(name for name, values in self._now.items() if values.size)
 
-    @property
-    def face_velocity(self) -> np.ndarray:
-        """Velocity of each face along its normal axis at the end of the next call [m/s], (world, face)."""
-        return self._face_velocity
+    def set(self, name: str, value: Any) -> None:
+        """Replace a control.
 
-    @face_velocity.setter
-    def face_velocity(self, value: Any) -> None:
-        self._face_velocity[...] = _fit("face_velocity", value, self._face_velocity.shape)
+        Raises:
+            ValueError: It has another shape.
+        """
+        self._now[name][...] = _fit(name, value, self._now[name].shape)
 
     def reset(self, mask: np.ndarray) -> None:
-        """Put the worlds of a mask (world,) back to rest and the scene's gravity."""
-        self._gravity[mask] = self._scene.gravity_vector
-        self._face_velocity[mask] = 0.0
+        """Put the worlds of a mask (world,) back to the start."""
+        for name, start in self._start.items():
+            self._now[name][mask] = start
 
     def check(self, strongest: float, fastest: float) -> None:
         """Refuse controls that a step could not follow.
 
         Args:
             strongest: Limit of gravity [m/s2].
-            fastest: Limit of the speed of a face [m/s].
+            fastest: Limit of the speed of a face or body [m/s].
 
         Raises:
-            ValueError: A control is not finite, beyond its limit, or moves a face that cannot.
+            ValueError: A control is not finite, beyond its limit, or moves a face or body that cannot.
         """
-        for name, values, limit, unit in (
-            ("gravity", self._gravity, strongest, "m/s2"),
-            ("face_velocity", self._face_velocity, fastest, "m/s"),
-        ):
-            wrong = np.argwhere(~(np.abs(values) <= limit))
-            if len(wrong):
-                place = tuple(wrong[0].tolist())
+        self._check_limits("gravity", Limits(-strongest, strongest, "m/s2"))
+        for name in ("face_velocity", "body_velocity"):
+            self._check_limits(name, Limits(-fastest, fastest, "m/s"))
+        pushed = np.flatnonzero(self._now["face_velocity"].any(axis=0))
+        for name in np.array(face_names(self._scene.dim))[pushed]:
+            if not self._scene.faces[name].moving:
                 raise ValueError(
-                    f"Solver.{name}[{place[0]}, {place[1]}] = {values[place]:g} {unit} is outside"
-                    f" -{limit:g} to {limit:g} {unit}; use a smaller value"
+                    f"Solver.face_velocity of {str(name)!r} is not 0, but that face does not move;"
+                    " make it Face(moving=True) in the scene"
                 )
-        pushed = np.flatnonzero(self._face_velocity.any(axis=0) & self._still)
-        if len(pushed):
-            name = face_names(self._scene.dim)[pushed[0]]
+        pushed = np.flatnonzero(self._now["body_velocity"].any(axis=(0, 2)))
+        for name in np.array(list(self._scene.bodies))[pushed] if len(pushed) else ():
+            if not self._scene.bodies[name].moving:
+                raise ValueError(
+                    f"Solver.body_velocity of {str(name)!r} is not 0, but that body does not move;"
+                    " make it Body(moving=True) in the scene"
+                )
+        for index, (name, inflow) in enumerate(self._scene.inflows.items()):
+            label, place = f"of {name!r}", (slice(None), index)
+            self._check_limits("inflow_speed", Limits(0.0, inflow.top_speed, "m/s"), place, label)
+            widths = Limits(self._scene.particle_spacing * (1.0 - 1e-9), inflow.width, "m")
+            self._check_limits("inflow_width", widths, place, label)
+            for axis, (low, high) in enumerate(zip(self._scene.lower, self._scene.upper, strict=True)):
+                self._check_limits("inflow_center", Limits(low, high, "m"), (*place, axis), label)
+            self._check_limits("inflow_direction", Limits(-1e6, 1e6, "1"), place, label)
+            if not self._now["inflow_direction"][:, index].any(axis=1).all():
+                raise ValueError(f"Solver.inflow_direction {label} has no length in some world; give the way out")
+
+    def _check_limits(self, name: str, limits: Limits, place: Any = (), label: str = "") -> None:
+        values = self._now[name][place]
+        wrong = np.argwhere(~((values >= limits.lowest) & (values <= limits.highest)))
+        if len(wrong):
+            at = tuple(wrong[0].tolist())
+            where = label or f"[{', '.join(map(str, at))}]"
             raise ValueError(
-                f"Solver.face_velocity of {name!r} is not 0, but that face does not move;"
-                " make it Face(moving=True) in the scene"
+                f"Solver.{name}{' ' if label else ''}{where} = {values[at]:g} {limits.unit} is outside"
+                f" {limits.lowest:g} to {limits.highest:g} {limits.unit}; use a {_remedy(values[at], limits)} value"
             )
+
+
+def _remedy(value: float, limits: Limits) -> str:
+    """Which way a value that is out of its limits should go."""
+    return "larger" if limits.lowest >= 0.0 and value < limits.lowest else "smaller"
 
 
 def _fit(name: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:

@@ -26,7 +26,8 @@ class Measurement:
     Attributes:
         time: Since the reset [s].
         particles: Number of particles in the box.
-        retired: Number of particles that left through open faces.
+        emitted: Number of particles that nozzles have added.
+        retired: Number of particles that left through open faces and outflows.
         mass: [kg].
         kinetic_energy: [J].
         potential_energy: Zero at the origin [J].
@@ -43,6 +44,7 @@ class Measurement:
 
     time: float
     particles: int
+    emitted: int
     retired: int
     mass: float
     kinetic_energy: float
@@ -69,11 +71,12 @@ def measure(solver: Solver, world: int = 0) -> Measurement:
     Raises:
         IndexError: There is no such world.
     """
-    particles, scene = solver.particles(world), solver.scene
+    particles, scene, account = solver.particles(world), solver.scene, solver.account(world)
     return Measurement(
         time=float(solver.time[world]),
         particles=len(particles),
-        retired=retired_particles(solver, world),
+        emitted=account.emitted,
+        retired=account.retired,
         mass=mass(particles, scene),
         kinetic_energy=kinetic_energy(particles, scene),
         potential_energy=potential_energy(particles, scene, solver.gravity[world]),
@@ -100,9 +103,11 @@ def kinetic_energy(particles: Particles, scene: Scene) -> float:
 
 
 def potential_energy(particles: Particles, scene: Scene, gravity: Sequence[float] | np.ndarray | None = None) -> float:
-    """Energy in the field of gravity [J], zero at the origin; gravity [m/s2] (dim,), None is the scene's."""
+    """Energy in gravity and the central force [J], zero at the origin; gravity [m/s2] (dim,), None is the scene's."""
     g = scene.gravity_vector if gravity is None else np.asarray(gravity, float)
-    return -scene.particle_mass * float((particles.position.astype(float) @ g).sum())
+    position = particles.position.astype(float)
+    pull = 0.5 * scene.central_force * (position**2).sum()
+    return scene.particle_mass * float(pull - (position @ g).sum())
 
 
 def elastic_energy(particles: Particles, scene: Scene, scheme: Scheme = DEFAULT_SCHEME) -> float:
@@ -113,7 +118,7 @@ def elastic_energy(particles: Particles, scene: Scene, scheme: Scheme = DEFAULT_
     """
     s = density_error(particles, scene)[:, None]
     share = 0.5 * s * (1.0 + _NODES)
-    pressure = scheme.state_equation.pressure_of(share, scheme.gamma)
+    pressure = scheme.pressure_law.pressure_of(share, scheme.gamma)
     integral = (0.5 * s * pressure) @ _WEIGHTS
     return scene.particle_mass * scene.sound_speed**2 * float(integral.sum())
 
@@ -162,9 +167,8 @@ def density_error(particles: Particles, scene: Scene) -> np.ndarray:
 
 
 def retired_particles(solver: Solver, world: int = 0) -> int:
-    """How many particles of a world have left through open faces since its reset."""
-    slots = slice(world * solver.capacity, (world + 1) * solver.capacity)
-    return int(solver.started[world]) - int((solver.state.now.identity.numpy()[slots] >= 0).sum())
+    """How many particles of a world have left through open faces and outflows since its reset."""
+    return solver.account(world).retired
 
 
 def pressure_at(solver: Solver, points: np.ndarray, world: int = 0) -> np.ndarray:

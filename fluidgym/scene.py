@@ -51,6 +51,7 @@ __all__ = [
     "Scene",
     "check_type",
     "face_names",
+    "pipe_frame",
     "released_head",
 ]
 
@@ -90,8 +91,8 @@ class Scene:
         bodies: Solids by name. Fluid is left out where they are.
         inflows: Nozzles by name. Their pipes are full at the start; other fluid is left out where they are.
         outflows: Drains and channel ends by name.
-        reserve: Particles of each world set aside for the inflows; None is as many as would fill the box. A nozzle that
-            finds the reserve used up stops until particles have been retired.
+        reserve: Particles of each world set aside for the inflows; None is as many as would fill the box, and a
+            tenth more. A nozzle that finds the reserve used up stops until particles have been retired.
         central_force: Pull towards the origin over the distance from it [1/s2], added to gravity.
 
     Raises:
@@ -247,11 +248,6 @@ class Scene:
             temperature = np.concatenate([np.empty(0), *warmth, *pipes])
         density = np.full(n, self.material.density)
         return Particles(positions, velocities, density, pressure, np.arange(n), temperature)
-
-    @property
-    def capacity(self) -> int:
-        """Particles that a world has room for: those at the start, and the reserve of the inflows."""
-        return self._start_count + (self.reserve or 0)
 
     def _sample_places(self) -> list[tuple[Fluid, np.ndarray]]:
         """Each body and its lattice points [m], (n, dim)."""
@@ -436,8 +432,8 @@ class Scene:
                 raise ValueError(f"Scene.reserve = {self.reserve} is of no effect without inflows; leave it out")
         elif self.inflows:
             extent = np.asarray(self.upper) - np.asarray(self.lower)
-            room = math.ceil(float(np.prod(extent)) / self.particle_spacing**self.dim)
-            object.__setattr__(self, "reserve", max(0, room - self._start_count))
+            room = float(np.prod(extent)) / self.particle_spacing**self.dim
+            object.__setattr__(self, "reserve", math.ceil(max(0.0, room - self._start_count) + 0.1 * room) + 16)
 
     def _check_temperatures(self) -> None:
         """Refuse temperatures where no heat is conducted."""

@@ -7,13 +7,15 @@ from dataclasses import dataclass
 from types import NoneType
 from typing import Literal
 
+import warp as wp
+
 from fluidgym.checks import check_choice, check_range, check_type
 from fluidgym.sph.continuity import DENSITY_DIFFUSION, DIVERGENCE
 from fluidgym.sph.integrators import KICK_DRIFT_KICK, LEAPFROG, Integrator
 from fluidgym.sph.mueller import KERNEL_VISCOSITY, POLY6_SUMMATION, spiky_pressure
 from fluidgym.sph.pressure import PRESSURE_GRADIENT
 from fluidgym.sph.smoothing import POLY6, WENDLAND_C2, SmoothingKernel
-from fluidgym.sph.state_equation import LINEAR, StateEquation, without_tension
+from fluidgym.sph.state_equation import LINEAR, StateEquation, itself, without_tension
 from fluidgym.sph.terms import DensityRate, DensitySum, Drag, Force, Term
 from fluidgym.sph.viscosity import ARTIFICIAL_VISCOSITY, VISCOSITY_MORRIS
 from fluidgym.sph.wall_models import MIRROR_WALLS, PenaltyWalls, WallModel
@@ -116,6 +118,8 @@ class Scheme:
                 f"Scheme.kernel = {self.kernel.name} is of no effect on the preset 'mueller'; leave it out"
             )
         forces = self.force_terms(viscous=True)
+        if self.preset == "mueller" and any(isinstance(term, DensityRate | DensitySum) for term in self.terms):
+            raise ValueError("Scheme.terms has a DensityRate, for which preset 'mueller' has no place; leave it out")
         if self.preset == "delta" and any(term.reads_density for term in forces):
             raise ValueError("Scheme.viscosity = KERNEL_VISCOSITY needs the preset 'mueller'; use VISCOSITY_MORRIS")
 
@@ -129,19 +133,42 @@ class Scheme:
         """The state equation, without negative pressures where there is no tension."""
         return self.state_equation if self.tension else without_tension(self.state_equation)
 
+    @property
+    def steps(self) -> Integrator:
+        """The integrator."""
+        assert self.integrator is not None
+        return self.integrator
+
+    def force_field(self) -> wp.Function:
+        """Warp function (s, Constants) -> what the force terms read: P, or s where the preset's do."""
+        return itself if self.preset == "mueller" else self.pressure_law.pressure
+
+    def terms_in_use(
+        self, viscous: bool, diffusive: bool, artificial: bool
+    ) -> tuple[tuple[DensityRate | DensitySum, ...], tuple[Force | Drag, ...]]:
+        """What makes the density and the terms of du/dt, where the fluid and the scheme have these or have not.
+
+        Args:
+            viscous: Whether the fluid has viscosity of its own.
+            diffusive: Whether there is density diffusion.
+            artificial: Whether there is artificial viscosity.
+        """
+        rates = tuple(term for term in self.terms if isinstance(term, DensityRate | DensitySum))
+        forces = tuple(term for term in self.terms if isinstance(term, Force | Drag))
+        density = (DIVERGENCE, *((DENSITY_DIFFUSION,) if diffusive else ()), *rates)
+        pressure = PRESSURE_GRADIENT
+        if self.preset == "mueller":
+            density, pressure = (POLY6_SUMMATION,), spiky_pressure(self.pressure_law)
+        laminar = (self.viscosity,) if viscous and self.viscosity else ()
+        return density, (pressure, *((ARTIFICIAL_VISCOSITY,) if artificial else ()), *laminar, *forces)
+
     def density_terms(self) -> tuple[DensityRate | DensitySum, ...]:
         """What makes the density: a sum, or the terms of ds/dt."""
-        if self.preset == "mueller":
-            return (POLY6_SUMMATION,)
-        diffusion = (DENSITY_DIFFUSION,) if self.density_diffusion else ()
-        return (DIVERGENCE, *diffusion, *(t for t in self.terms if isinstance(t, DensityRate)))
+        return self.terms_in_use(False, self.density_diffusion > 0.0, False)[0]
 
     def force_terms(self, viscous: bool) -> tuple[Force | Drag, ...]:
         """The terms of du/dt, for a fluid with viscosity of its own or without."""
-        pressure = spiky_pressure(self.pressure_law) if self.preset == "mueller" else PRESSURE_GRADIENT
-        artificial = (ARTIFICIAL_VISCOSITY,) if self.artificial_viscosity else ()
-        laminar = (self.viscosity,) if viscous and self.viscosity else ()
-        return (pressure, *artificial, *laminar, *(t for t in self.terms if isinstance(t, Force | Drag)))
+        return self.terms_in_use(viscous, False, self.artificial_viscosity > 0.0)[1]
 
     def time_step(self, h: float, sound_speed: float, speed: float, viscosity: float, gravity: float) -> float:
         """Largest stable time step [s]: sound, viscosity (of momentum or heat) and body force each set a limit.

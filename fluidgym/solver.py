@@ -3,27 +3,58 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import warp as wp
 
-from fluidgym.controls import Controls
-from fluidgym.scene import AXES, Particles, Scene, face_names
+from fluidgym.controls import Control, Controls
+from fluidgym.layout import (
+    Parameters,
+    body_halves,
+    body_middles,
+    body_travel,
+    check_box,
+    equip_bodies,
+    make_drains,
+    make_frozen,
+    make_nozzles,
+    make_structure,
+)
+from fluidgym.scene import AXES, Particles, Scene, face_names, pipe_frame
 from fluidgym.scheme import DEFAULT_SCHEME, Scheme
 from fluidgym.sph.constants import Constants
-from fluidgym.sph.integrate import advance_faces, aim_faces, make_step, shift_acceleration
+from fluidgym.sph.integrate import advance_driven, aim, make_step, scale_density, shift_acceleration
 from fluidgym.sph.neighbors import make_gather, make_grid, order_by_cell, settle_order
-from fluidgym.state import ParticleArrays, State
+from fluidgym.state import Frozen, ParticleArrays, State, driven_arrays
 
-_CONSTANTS: Any = Constants  # a Warp struct: to a type checker no class
-
-# How far a pair may approach in half a step, over h, and still be seen in the second sweep.
-SKIN = 0.1
+_CONSTANTS: Any = Constants  # Warp structs: to a type checker no classes
+_FROZEN: Any = Frozen
 
 # Launches are captured once and replayed, for this many steps at most.
 STEPS_PER_GRAPH = 64
+
+
+@dataclass(frozen=True)
+class Account:
+    """Where the particles of a world have come from and gone to since its reset.
+
+    Attributes:
+        started: At the reset.
+        emitted: By nozzles.
+        retired: Through open faces and outflows.
+        live: Now; always started + emitted - retired.
+        refused: How often a row of a nozzle had to wait, in steps, because the reserve was used up.
+    """
+
+    started: int
+    emitted: int
+    retired: int
+    live: int
+    refused: int
 
 
 def find_device(name: str | None) -> wp.Device:
@@ -64,9 +95,9 @@ class Solver:
         scene: What is simulated.
         scheme: How.
         num_worlds: Number of worlds.
-        capacity: Particles of each world.
+        capacity: Particles that a world has room for.
         device: The Warp device.
-        max_step: Time step of the scheme's courant number [s].
+        max_step: Time step of the scheme's courant number [s], that of the most demanding world.
         time: Simulated time of each world since its reset [s], (world,).
         started: Number of particles of each world at its reset, (world,).
 
@@ -76,6 +107,17 @@ class Solver:
         >>> solver.particles().position  # (particle, dim) [m]
     """
 
+    gravity = Control("Acceleration [m/s2], (world, dim).")
+    face_velocity = Control(
+        "Velocity of each face along its normal axis at the end of the next call of step or advance [m/s], (world,"
+        " face). A face gets there at a constant acceleration."
+    )
+    body_velocity = Control("Velocity of each body at the end of the next call [m/s], (world, body, dim); likewise.")
+    inflow_speed = Control("Mean speed of each nozzle [m/s], (world, inflow).")
+    inflow_center = Control("Middle of the back of each nozzle's pipe [m], (world, inflow, dim).")
+    inflow_direction = Control("Along which the fluid leaves, of any length above 0, (world, inflow, dim).")
+    inflow_width = Control("Width of each nozzle [m], from a particle spacing to the scene's, (world, inflow).")
+
     def __init__(
         self,
         scene: Scene,
@@ -83,6 +125,7 @@ class Solver:
         num_worlds: int = 1,
         device: str | None = None,
         plain_loops: bool = False,
+        report_forces: bool = False,
     ):
         """Set up the worlds and put them at their start.
 
@@ -92,9 +135,10 @@ class Solver:
             num_worlds: Number of worlds.
             device: "cpu", "cuda", "cuda:1", ...; None takes a GPU where there is one.
             plain_loops: Run the plain-Warp twin of the pair loop: slow, for tests.
+            report_forces: Add up the forces on faces and bodies, for `face_force` and `body_force`.
 
         Raises:
-            ValueError: The device or a count is out of its limits.
+            ValueError: The device or a count is out of its limits, or the scheme cannot do what the scene asks.
         """
         if not isinstance(scene, Scene):
             raise ValueError(f"Solver.scene = {scene!r} is not a Scene; make one with Scene(...)")
@@ -103,111 +147,139 @@ class Solver:
         _check_count("num_worlds", num_worlds)
         self.scene, self.scheme, self.num_worlds = scene, scheme, num_worlds
         self.device = find_device(device)
+        self._flags = {"forces": report_forces, "plain": plain_loops}
         start = scene.sample()
-        self.capacity = max(len(start), 1)
-        self._set_numbers()
-        self._check_box()
-        self._build_kernels(plain_loops)
-        dim = scene.dim
-        self.state = State(dim, num_worlds, self.capacity, self.device)
-        self._bounds = wp.zeros(num_worlds * self._grid.stride + 2, dtype=int, device=self.device)
-        self._travel = wp.array(scene.face_travel(), dtype=float, device=self.device)
-        self._constants = wp.zeros(num_worlds, dtype=_CONSTANTS, device=self.device)
-        self._constants_at_rest = wp.zeros(num_worlds, dtype=_CONSTANTS, device=self.device)
-        self._controls = Controls(scene, num_worlds)
-        self._gravity = wp.array(self.gravity, dtype=float, device=self.device)
-        self._felt_gravity = self.gravity.copy()  # what the accelerations at hand were found with
-        self._gravity_change = wp.zeros((num_worlds, dim), dtype=float, device=self.device)
-        self._face_target = wp.zeros((num_worlds, 2 * dim), dtype=float, device=self.device)
+        self.capacity = max(len(start) + (scene.reserve or 0), 1)
+        self._parameters = Parameters(scene, scheme, num_worlds)
+        check_box(scene, scheme)
+        self._numbers = self._parameters.constants()
+        self.max_step = self._parameters.max_step()
+        self._graphs: dict[int, Any] = {}
+        self._build_kernels()
+        self._make_arrays()
         self._step_size = self.max_step
         self._write_constants()
+        self.controls = Controls(scene, num_worlds)
+        self._felt_gravity = self.gravity.copy()  # what the accelerations at hand were found with
         self.time = np.zeros(num_worlds)
         self.started = np.zeros(num_worlds, int)
         self._start_counts = np.zeros(num_worlds, int)
-        self._graphs: dict[int, Any] = {}
+        self._force_steps = 0  # over which the forces at hand were added up
+        self._warned_of_reserve = False
         self._face_starts = scene.face_start_positions()
-        self._place_faces()
+        self._place_driven()
         self.set_start(range(num_worlds), [start] * num_worlds)
         self.reset()
 
-    def _set_numbers(self) -> None:
-        """Step limit and the constants of the scene under the scheme."""
-        scene, scheme = self.scene, self.scheme
-        material = scene.material
-        h = scheme.smoothing_length(scene.particle_spacing, scene.dim)
-        c_0 = scene.sound_speed
-        # The fluid's own viscosity counts towards alpha; the artificial one makes up what is missing.
-        own = 2 * (scene.dim + 2) * material.viscosity
-        artificial = max(0.0, scheme.artificial_viscosity * h * c_0 - own)
-        viscosity = (own + artificial) / (2 * (scene.dim + 2))
-        gravity = float(np.linalg.norm(scene.gravity_vector))
-        self.max_step = scheme.time_step(h, c_0, scene.speed_scale, viscosity, gravity)
-        self._values = {
-            "dt": self.max_step,
-            "spacing": scene.particle_spacing,
-            "h": h,
-            "support": scheme.kernel.support * h,
-            "inv_h": 1.0 / h,
-            "inv_h_volume": 1.0 / h**scene.dim,
-            "inv_h_slope": 1.0 / h ** (scene.dim + 2),
-            "skin": SKIN * h,
-            "volume": scene.particle_spacing**scene.dim,
-            "c_0": c_0,
-            "inv_c_0_squared": 1.0 / c_0**2,
-            "gamma": scheme.gamma,
-            "diffusion": 2.0 * scheme.density_diffusion * h * c_0,
-            "artificial_viscosity": artificial,
-            "viscosity": material.viscosity,
-            "viscosity_monaghan": own,
-            "eta_squared": 0.01 * h * h,
-        }
+    def _build_kernels(self) -> None:
+        """Compile what the scene, the scheme and the parameters of now need."""
+        scene, dim = self.scene, self.scene.dim
+        self._structure = make_structure(scene, self.scheme, self._parameters, **self._flags)
+        self._kernels = make_step(self._structure)
+        self._gather = make_gather(dim, self._structure.heat)
+        self._moving_faces = any(face.moving for face in scene.faces.values())
+        self._moving_bodies = any(body.moving for body in scene.bodies.values())
+        self._graphs.clear()
 
-    def _check_box(self) -> None:
-        """Refuse a box in which a particle would need the images of images."""
-        support = self._values["support"]
-        for axis, (low, high) in enumerate(zip(self.scene.lower, self.scene.upper, strict=True)):
-            kinds = {self.scene.faces[name].kind for name in face_names(self.scene.dim)[2 * axis : 2 * axis + 2]}
-            if kinds != {"open"} and high - low < support * (1.0 - 1e-6):
-                raise ValueError(
-                    f"Scene box is {high - low:g} m along {AXES[axis]}, below the smoothing support {support:g} m;"
-                    " use a wider box or a smaller Scene.particle_spacing"
-                )
-
-    def _build_kernels(self, plain_loops: bool) -> None:
-        scene, scheme, dim = self.scene, self.scheme, self.scene.dim
-        faces = [scene.faces[name] for name in face_names(dim)]
-        self._moving = any(face.moving for face in faces)
-        self._kernels = make_step(
-            dim=dim,
-            kinds=tuple(face.kind for face in faces),
-            no_slip=tuple(face.slip == "no" for face in faces),
-            density_terms=scheme.density_terms(),
-            force_terms=scheme.force_terms(scene.material.viscosity > 0),
-            slope=scheme.kernel.slope(dim),
-            pressure=scheme.pressure_law.pressure,
-            gravity=bool(np.any(scene.gravity_vector)),
-            plain=plain_loops,
+    def _make_arrays(self) -> None:
+        """Allocate the device arrays."""
+        scene, dim, device, worlds = self.scene, self.scene.dim, self.device, self.num_worlds
+        numbers, structure = self._numbers, self._structure
+        search = numbers["support"] + numbers["skin"]
+        self._grid: Any = make_grid(np.asarray(scene.lower), np.asarray(scene.upper), search)
+        self._nozzles = make_nozzles(scene, worlds, device)
+        self._drains = make_drains(scene, self.scheme, device)
+        self._frozen, self._frozen_grid = _FROZEN(), self._grid
+        if structure.frozen:
+            self._frozen, self._frozen_grid = make_frozen(scene, self.scheme, device)
+        self.state = State(
+            dim,
+            worlds,
+            self.capacity,
+            device,
+            half=body_halves(scene),
+            rows=self._nozzles.row_inflow.shape[0] if scene.inflows else 0,
+            heat=structure.heat,
+            forces=structure.forces,
         )
-        self._gather = make_gather(dim)
-        search = self._values["support"] + self._values["skin"]
-        self._grid = make_grid(np.asarray(scene.lower), np.asarray(scene.upper), search)
+        self._bounds = wp.zeros(worlds * self._grid.stride + 2, dtype=int, device=device)
+        self._face_travel = wp.array(scene.face_travel(), dtype=float, device=device)
+        self._body_travel = wp.array(body_travel(scene), dtype=float, device=device)
+        self._constants = wp.zeros(worlds, dtype=_CONSTANTS, device=device)
+        self._constants_at_rest = wp.zeros(worlds, dtype=_CONSTANTS, device=device)
+        self._gravity = wp.zeros((worlds, dim), dtype=float, device=device)
+        self._gravity_change = wp.zeros((worlds, dim), dtype=float, device=device)
+        self._face_target = wp.zeros((worlds, 2 * dim), dtype=float, device=device)
+        self._body_target = wp.zeros((worlds, len(scene.bodies) * dim), dtype=float, device=device)
 
-    def _place_faces(self) -> None:
-        """Put the faces at their start."""
-        dim = self.scene.dim
-        sliding = [self.scene.faces[name].sliding or (0.0,) * dim for name in face_names(dim)]
-        for faces in (self.state.faces, self.state.faces_middle, self.state.faces_start):
-            faces.position.assign(np.tile(self._face_starts, (self.num_worlds, 1)))
-            faces.sliding.assign(np.tile(np.asarray(sliding), (self.num_worlds, 1, 1)))
+    def _place_driven(self) -> None:
+        """Put faces and bodies at their start."""
+        scene, state, worlds = self.scene, self.state, self.num_worlds
+        names = face_names(scene.dim)
+        sliding = [scene.faces[name].sliding or (0.0,) * scene.dim for name in names]
+        warmth = [scene.faces[name].temperature or 0.0 for name in names]
+        for faces in (state.faces, state.faces_middle, state.faces_start):
+            faces.position.assign(np.tile(self._face_starts, (worlds, 1)))
+            faces.sliding.assign(np.tile(np.asarray(sliding), (worlds, 1, 1)))
+            faces.temperature = wp.array(warmth, dtype=float, device=self.device)
+        for bodies in (state.bodies, state.bodies_middle, state.bodies_before, state.bodies_start):
+            equip_bodies(bodies, scene, self.device)
+            if scene.bodies:
+                bodies.position.assign(np.tile(body_middles(scene), (worlds, 1, 1)))
 
     def _write_constants(self) -> None:
         """Hand the constants to the device."""
         for array, dt in ((self._constants, self._step_size), (self._constants_at_rest, 0.0)):
             record: Any = np.zeros(self.num_worlds, dtype=_CONSTANTS.numpy_dtype())
-            for name, value in self._values.items():
+            for name, value in self._numbers.items():
                 record[name] = value
             record["dt"] = dt
             array.assign(record)
+
+    def set_parameters(self, **changes: Any) -> None:
+        """Change numbers of the scene or the scheme from the next step on, in all worlds or in each.
+
+        What is on goes on; what was left out of the kernels because it was 0 everywhere, and now is not, is compiled
+        once. Pressure stays as it is under another speed of sound. `max_step` follows.
+
+        Args:
+            changes: viscosity [m2/s], sound_speed [m/s], thermal_diffusivity [m2/s], central_force [1/s2], gamma,
+                density_diffusion, artificial_viscosity, and of the walls of the scheme wall_stiffness [(c_0/h)^2],
+                wall_margin [spacings] and wall_damping: one number, or one for each world (world,).
+
+        Raises:
+            ValueError: A name is unknown or a value out of its limits; nothing has happened then.
+        """
+        if "thermal_diffusivity" in changes and not self._structure.heat:
+            raise ValueError(
+                "Solver.set_parameters thermal_diffusivity is of no effect in a scene that keeps no temperatures;"
+                " set Material.thermal_diffusivity above 0"
+            )
+        before = self._numbers["c_0"]
+        self._parameters.change(changes)
+        self._numbers, self.max_step = self._parameters.constants(), self._parameters.max_step()
+        self._step_size = min(self._step_size, self.max_step)
+        self._write_constants()
+        if make_structure(self.scene, self.scheme, self._parameters, **self._flags) != self._structure:
+            self._build_kernels()
+        factor = (before / self._numbers["c_0"]) ** 2
+        if (factor != 1.0).any():
+            factors = wp.array(factor, dtype=float, device=self.device)
+            slots = self.num_worlds * self.capacity
+            wp.launch(
+                scale_density, slots, [self.capacity, factors], [self.state.now.density_error], device=self.device
+            )
+
+    def parameter(self, name: str) -> np.ndarray:
+        """A number that `set_parameters` can change, as it is in each world, (world,).
+
+        Raises:
+            ValueError: There is none of that name.
+        """
+        values = self._parameters.values
+        if name not in values:
+            raise ValueError(f"Solver.parameter {name!r} is unknown; use {', '.join(values)}")
+        return values[name].copy()
 
     # -- the start -----------------------------------------------------------------------------------------------
 
@@ -230,13 +302,15 @@ class Solver:
             )
         if not len(numbers):
             return
-        batch = ParticleArrays(self.scene.dim, len(numbers) * self.capacity, self.device)
+        batch = ParticleArrays(self.scene.dim, len(numbers) * self.capacity, self.device, heat=self._structure.heat)
         host = {name: np.zeros(array.shape, array.numpy().dtype) for name, array in batch.arrays().items()}
         for index, start in enumerate(starts):
             s = self._start_density_error(start, numbers[index])
             slots = slice(index * self.capacity, index * self.capacity + len(start))
             host["position"][:, slots], host["velocity"][:, slots] = start.position.T, start.velocity.T
             host["density_error"][slots] = s
+            if start.temperature is not None and self._structure.heat:
+                host["temperature"][slots] = start.temperature
             places = np.arange(self.capacity)
             identity = np.where(places < len(start), places, -1 - places)
             host["identity"][index * self.capacity : (index + 1) * self.capacity] = identity
@@ -281,19 +355,24 @@ class Solver:
     def _prime(self, batch: ParticleArrays, count: int) -> None:
         """Put starts in cell order and find their accelerations, as a step of no time does.
 
-        Every world has the same faces, gravity and constants at its start, so the first `count` stand for any.
+        Every world has the same faces, bodies, nozzles, gravity and constants at its start, so the first `count` stand
+        for any.
         """
-        faces, unused = self.state.faces_start, wp.zeros(self.num_worlds, dtype=int, device=self.device)
+        state, unused = self.state, wp.zeros(self.num_worlds, dtype=int, device=self.device)
         self._gravity.assign(np.tile(self.scene.gravity_vector, (self.num_worlds, 1)))
-        self._sort(batch, faces, self._constants_at_rest, unused, count)
-        # The spray rule must not touch the density of a start, so what the sweep makes of it goes to scratch.
-        scratch = self.state.reduced_pressure
-        self._sweep(batch, faces, faces, self._constants_at_rest, unused, count, density_out=scratch)
-        slots = count * self.capacity
-        wp.copy(batch.density_error, self.state.sorted.density_error, count=slots)
+        self._write_nozzles(Controls(self.scene, self.num_worlds))
+        moving = (state.faces_start, state.bodies_start, state.faces_start, state.bodies_start)
+        self._sort(batch, *moving[:2], state.bodies_start, self._constants_at_rest, unused, count)
+        # The spray rule must not touch the density of a start, so what the sweep makes of it goes to scratch; unless
+        # density is a sum, which is what the start should have.
+        scratch = batch.density_error if self._structure.summed else wp.zeros_like(batch.density_error)
+        self._sweep(batch, *moving, self._constants_at_rest, unused, count, density_out=scratch)
+        if not self._structure.summed:
+            slots = count * self.capacity
+            wp.copy(batch.density_error, state.sorted.density_error, count=slots)
 
     def reset(self, mask: np.ndarray | None = None) -> None:
-        """Put worlds back to their start, their faces at rest and the scene's gravity on.
+        """Put worlds back to their start, faces and bodies at rest, the scene's gravity on, nozzles as in the scene.
 
         Args:
             mask: Which worlds, bool (world,); None is all.
@@ -305,10 +384,10 @@ class Solver:
         if mask.shape != (self.num_worlds,):
             raise ValueError(f"Solver.reset mask has shape {mask.shape}, limit ({self.num_worlds},); one bool a world")
         if mask.any():
-            self.state.reset(np.flatnonzero(mask))
+            self.state.reset(np.flatnonzero(mask), self._start_counts, 0.5 * self.scene.particle_spacing)
         self.time[mask] = 0.0
         self.started[mask] = self._start_counts[mask]
-        self._controls.reset(mask)
+        self.controls.reset(mask)
         self._felt_gravity[mask] = self.scene.gravity_vector
 
     # -- stepping ------------------------------------------------------------------------------------------------
@@ -340,19 +419,64 @@ class Solver:
         if not 0.0 < dt <= 1.5 * self.max_step:
             raise ValueError(f"Solver.step dt = {dt:g} s is outside 0 to {1.5 * self.max_step:g} s; use max_step")
         # A body force sets a limit to the step, and so the step one to the force: 0.5 sqrt(h/g).
-        self._controls.check(strongest=0.25 * self._values["h"] / dt**2, fastest=self.scene.sound_speed)
+        self.controls.check(strongest=0.25 * self._numbers["h"] / dt**2, fastest=float(self._numbers["c_0"].min()))
         if dt != self._step_size:
             self._step_size = dt
             self._write_constants()
         self._apply_gravity()
-        if self._moving:
-            self._face_target.assign(self.face_velocity)
-            faces = self.state.faces
-            wp.launch(aim_faces, faces.position.shape, [n * dt, self._face_target, faces], device=self.device)
+        self._aim(n * dt)
+        self._write_nozzles(self.controls)
+        self.state.forces.zero_()
+        self._force_steps = n
         with wp.ScopedDevice(self.device):
             for first in range(0, n, STEPS_PER_GRAPH):
                 wp.capture_launch(self._graph(min(STEPS_PER_GRAPH, n - first)))
         self.time += n * dt
+        self._watch_reserve()
+
+    def _aim(self, duration: float) -> None:
+        """Give the moving faces and bodies the accelerations that bring them to their velocities in a duration [s]."""
+        for moves, target, velocity, driven in (
+            (self._moving_faces, self._face_target, self.face_velocity, self.state.faces),
+            (self._moving_bodies, self._body_target, self.body_velocity, self.state.bodies),
+        ):
+            if moves:
+                target.assign(velocity.reshape(target.shape))
+                arrays = driven_arrays(driven)
+                inputs = [duration, target, arrays["velocity"]]
+                wp.launch(aim, target.shape, inputs, [arrays["acceleration"]], device=self.device)
+
+    def _write_nozzles(self, controls: Controls) -> None:
+        """Hand place, direction, width and speed of the nozzles to the device."""
+        if not self.scene.inflows:
+            return
+        nozzles = self._nozzles
+        nozzles.center.assign(controls["inflow_center"])
+        nozzles.speed.assign(controls["inflow_speed"])
+        directions = controls["inflow_direction"]
+        frames = [[pipe_frame(direction) for direction in world] for world in directions]
+        nozzles.frame.assign(np.array(frames))
+        half = np.zeros(nozzles.half.shape)
+        for index, inflow in enumerate(self.scene.inflows.values()):
+            half[:, index] = 0.5 * (inflow.height or inflow.width)
+            # A round pipe is as high as it is wide.
+            wide = slice(None) if inflow.height is None else slice(1)
+            half[:, index, wide] = 0.5 * controls["inflow_width"][:, index, None]
+        nozzles.half.assign(half)
+
+    def _watch_reserve(self) -> None:
+        """Say once that a nozzle has stopped for want of particles."""
+        if not self.scene.inflows or self._warned_of_reserve:
+            return
+        refused = np.flatnonzero(self.state.ledger.refused.numpy())
+        if len(refused):
+            self._warned_of_reserve = True
+            warnings.warn(
+                f"Scene.reserve = {self.scene.reserve} particles are used up in world {refused[0]}: its nozzles wait"
+                " until particles are retired; raise Scene.reserve, or let fluid out",
+                RuntimeWarning,
+                stacklevel=3,
+            )
 
     def _apply_gravity(self) -> None:
         """Hand the gravity to the device, and mend the accelerations at hand, which begin the next step."""
@@ -375,7 +499,7 @@ class Solver:
         """The captured launches of n steps."""
         if n not in self._graphs:
             with wp.ScopedDevice(self.device):
-                wp.load_module(advance_faces.module, device=self.device)
+                wp.load_module(advance_driven.module, device=self.device)
                 wp.load_module(order_by_cell.module, device=self.device)
                 with wp.ScopedCapture(device=self.device) as capture:
                     self._launch(n)
@@ -383,34 +507,57 @@ class Solver:
         return self._graphs[n]
 
     def _launch(self, n: int) -> None:
-        state = self.state
-        middle = state.faces_middle if self._moving else state.faces
+        state, structure = self.state, self._structure
+        faces = state.faces_middle if self._moving_faces else state.faces
+        bodies = state.bodies_middle if self._moving_bodies else state.bodies
+        before = state.bodies_before if self._moving_bodies else state.bodies
+        if not structure.integrator.closing_drift:  # all of the drift is done before the first sweep
+            faces, bodies = state.faces, state.bodies
         for _ in range(n):
-            if self._moving:
-                inputs = [self._constants, self._travel, middle, state.faces]
-                wp.launch(advance_faces, state.faces.position.shape, inputs, device=self.device)
-            self._sort(state.now, middle, self._constants, state.clamped, self.num_worlds)
+            if self._moving_bodies:
+                wp.copy(state.bodies_before.position, state.bodies.position)
+            for moves, travel, middle, end in (
+                (self._moving_faces, self._face_travel, state.faces_middle, state.faces),
+                (self._moving_bodies, self._body_travel, state.bodies_middle, state.bodies),
+            ):
+                if moves:
+                    outputs = [*driven_arrays(middle).values(), *driven_arrays(end).values()]
+                    shape = outputs[0].shape
+                    wp.launch(advance_driven, shape, [self._constants, travel], outputs, device=self.device)
+            self._sort(state.now, faces, bodies, before, self._constants, state.clamped, self.num_worlds)
             self._sweep(
                 state.now,
-                middle,
+                faces,
+                bodies,
                 state.faces,
+                state.bodies,
                 self._constants,
                 state.clamped,
                 self.num_worlds,
                 density_out=state.now.density_error,
             )
+            if self._kernels.emit is not None:
+                self._emit()
 
     def _sort(
-        self, particles: ParticleArrays, faces: Any, constants: wp.array, clamped: wp.array, num_worlds: int
+        self,
+        particles: ParticleArrays,
+        faces: Any,
+        bodies: Any,
+        bodies_before: Any,
+        constants: wp.array,
+        clamped: wp.array,
+        num_worlds: int,
     ) -> None:
-        """Kick and drift to the middle of the step, then put the particles in cell order."""
+        """Kick and drift to where the first sweep is, then put the particles in cell order."""
         state, slots, cells = self.state, num_worlds * self.capacity, num_worlds * self._grid.stride
         bounds: Any = self._bounds if num_worlds == self.num_worlds else self._bounds[: cells + 2]
         bounds.zero_()
+        around = [faces, bodies_before, bodies, self._nozzles, self._drains]
         wp.launch(
             self._kernels.drift,
             dim=slots,
-            inputs=[self.capacity, constants, self._grid, faces, particles.acceleration],
+            inputs=[self.capacity, constants, self._grid, *around, particles.acceleration],
             outputs=[particles.position, particles.velocity, particles.identity, state.key, bounds, clamped],
             device=self.device,
         )
@@ -418,65 +565,76 @@ class Solver:
         wp.launch(order_by_cell, slots, [state.key, bounds, state.order], device=self.device)
         if self.device.is_cuda:
             wp.launch(settle_order, cells, [self._grid.stride, bounds, state.order], device=self.device)
-        source, target = particles, state.sorted
+        names = ("position", "velocity", "density_error", "identity", "temperature")
         wp.launch(
             self._gather,
             dim=slots,
-            inputs=[state.order, source.position, source.velocity, source.density_error, source.identity],
-            outputs=[target.position, target.velocity, target.density_error, target.identity],
+            inputs=[state.order, *(getattr(particles, name) for name in names)],
+            outputs=[getattr(state.sorted, name) for name in names],
             device=self.device,
         )
 
     def _sweep(
         self,
         particles: ParticleArrays,
-        middle: Any,
-        end: Any,
+        faces: Any,
+        bodies: Any,
+        faces_end: Any,
+        bodies_end: Any,
         constants: wp.array,
         clamped: wp.array,
         num_worlds: int,
         density_out: wp.array,
     ) -> None:
-        """The two sweeps over pairs, from the sorted arrays back into the particles'."""
+        """The sweeps over pairs, from the sorted arrays back into the particles'."""
         state, half, slots = self.state, self.state.sorted, num_worlds * self.capacity
         shared = [self.capacity, constants, self._gravity, self._grid, self._bounds]
+        carriers, frozen = [self._nozzles, self._drains], [self._frozen, self._frozen_grid]
+        around = [faces, faces_end, bodies, bodies_end, *carriers, *frozen]
         wp.launch(
             self._kernels.advance_density,
             dim=slots,
-            inputs=[*shared, middle, end, half.position, half.velocity, half.density_error, half.identity],
-            outputs=[particles.position, density_out, particles.identity, state.reduced_pressure, clamped],
+            inputs=[*shared, *around, half.position, half.velocity, half.density_error, half.identity],
+            outputs=[particles.position, density_out, particles.identity, state.field, clamped],
             device=self.device,
         )
+        around = [faces_end, bodies_end, *carriers, *frozen]
         wp.launch(
             self._kernels.kick,
             dim=slots,
-            inputs=[*shared, end, particles.position, half.velocity, state.reduced_pressure, particles.identity],
-            outputs=[particles.velocity, particles.acceleration],
+            inputs=[*shared, *around, particles.position, half.velocity, state.field, particles.identity],
+            outputs=[particles.velocity, particles.acceleration, state.forces],
+            device=self.device,
+        )
+        if self._kernels.conduct is not None:
+            around = [faces_end, bodies_end, *carriers]
+            wp.launch(
+                self._kernels.conduct,
+                dim=slots,
+                inputs=[
+                    *(self.capacity, constants, self._grid, self._bounds),
+                    *around,
+                    *(particles.position, half.velocity, half.temperature, particles.identity),
+                ],
+                outputs=[particles.temperature],
+                device=self.device,
+            )
+
+    def _emit(self) -> None:
+        """Let the nozzles add what is due."""
+        now = self.state.now
+        wp.launch(
+            self._kernels.emit,
+            dim=self.num_worlds,
+            inputs=[self.capacity, self._grid.stride, self._constants, self._bounds, self._nozzles, self.state.ledger],
+            outputs=[
+                *(now.position, now.velocity, now.acceleration),
+                *(now.density_error, now.temperature, now.identity),
+            ],
             device=self.device,
         )
 
     # -- what there is to read -----------------------------------------------------------------------------------
-
-    @property
-    def gravity(self) -> np.ndarray:
-        """Control: acceleration [m/s2], (world, dim)."""
-        return self._controls.gravity
-
-    @gravity.setter
-    def gravity(self, value: Any) -> None:
-        self._controls.gravity = value
-
-    @property
-    def face_velocity(self) -> np.ndarray:
-        """Control: velocity of each moving face at the end of the next call of step or advance [m/s], (world, face).
-
-        A face gets there at a constant acceleration.
-        """
-        return self._controls.face_velocity
-
-    @face_velocity.setter
-    def face_velocity(self, value: Any) -> None:
-        self._controls.face_velocity = value
 
     def particles(self, world: int = 0) -> Particles:
         """The particles of a world that are still in the box, in order of identity.
@@ -492,14 +650,17 @@ class Solver:
         order = np.argsort(identity, kind="stable")
         order = order[identity[order] >= 0]
         s = now.density_error.numpy()[slots][order].astype(float)
-        material, scheme = self.scene.material, self.scheme
-        pressure = material.density * self.scene.sound_speed**2 * scheme.state_equation.pressure_of(s, scheme.gamma)
+        material, law = self.scene.material, self.scheme.pressure_law
+        c_0, gamma = self._parameters.values["sound_speed"][world], self._parameters.values["gamma"][world]
+        pressure = material.density * c_0**2 * law.pressure_of(s, gamma)
+        heat = self._structure.heat
         return Particles(
             position=now.position.numpy()[:, slots].T[order],
             velocity=now.velocity.numpy()[:, slots].T[order],
             density=material.density * (1.0 + s),
             pressure=pressure,
             identity=identity[order],
+            temperature=now.temperature.numpy()[slots][order] if heat else None,
         )
 
     def face_position(self, name: str) -> np.ndarray:
@@ -517,14 +678,77 @@ class Solver:
             raise ValueError(f"face {name!r} is unknown; use {', '.join(names)}")
         return names.index(name)
 
+    def body_position(self, name: str) -> np.ndarray:
+        """Where the middle of a body is [m], (world, dim)."""
+        return self.state.bodies.position.numpy()[:, self.body_index(name)].copy()
+
+    def body_index(self, name: str) -> int:
+        """Number of a body in the control arrays.
+
+        Raises:
+            ValueError: There is no such body.
+        """
+        return _index("body", name, tuple(self.scene.bodies))
+
+    def inflow_index(self, name: str) -> int:
+        """Number of a nozzle in the control arrays.
+
+        Raises:
+            ValueError: There is no such nozzle.
+        """
+        return _index("inflow", name, tuple(self.scene.inflows))
+
+    @property
+    def face_force(self) -> np.ndarray:
+        """Mean force of the fluid on each face over the last call of step or advance [N], (world, face, dim).
+
+        In two dimensions per metre of depth. Only faces that show the fluid its image bear any.
+
+        Raises:
+            RuntimeError: The solver was made without report_forces.
+        """
+        return self._mean_forces()[:, : 2 * self.scene.dim]
+
+    @property
+    def body_force(self) -> np.ndarray:
+        """Mean force of the fluid on each body over the last call of step or advance [N], (world, body, dim).
+
+        Raises:
+            RuntimeError: The solver was made without report_forces.
+        """
+        return self._mean_forces()[:, 2 * self.scene.dim :]
+
+    def _mean_forces(self) -> np.ndarray:
+        if not self._structure.forces:
+            raise RuntimeError("Solver.face_force and body_force are not added up; make the Solver(report_forces=True)")
+        unit = np.broadcast_to(self._numbers["force_unit"], (self.num_worlds,))[:, None, None]
+        return -self.scene.particle_mass / max(self._force_steps, 1) * self.state.forces.numpy() / unit
+
+    def account(self, world: int = 0) -> Account:
+        """The particles of a world, as a ledger that is always exact.
+
+        Raises:
+            IndexError: There is no such world.
+        """
+        if not 0 <= world < self.num_worlds:
+            raise IndexError(f"Solver.account world = {world} is outside 0 to {self.num_worlds - 1}")
+        slots = slice(world * self.capacity, (world + 1) * self.capacity)
+        live = int((self.state.now.identity.numpy()[slots] >= 0).sum())
+        emitted = refused = 0
+        if self.scene.inflows:
+            emitted = int(self.state.ledger.emitted.numpy()[world])
+            refused = int(self.state.ledger.refused.numpy()[world])
+        started = int(self.started[world])
+        return Account(started, emitted, started + emitted - live, live, refused)
+
     def save(self) -> dict[str, np.ndarray]:
         """All that the future of the worlds depends on, controls included, as NumPy arrays."""
         return self.state.snapshot() | {
             "time": self.time.copy(),
             "started": self.started.copy(),
-            "gravity_control": self.gravity.copy(),
             "gravity_felt": self._felt_gravity.copy(),
-            "face_velocity_control": self.face_velocity.copy(),
+            **{f"{name}_control": self.controls[name].copy() for name in self.controls.names()},
+            **{f"parameter_{name}": values.copy() for name, values in self._parameters.values.items()},
         }
 
     def restore(self, saved: Mapping[str, np.ndarray]) -> None:
@@ -540,7 +764,20 @@ class Solver:
                     f"Solver.restore {name} has shape {shape}, limit {array.shape};"
                     " restore into a solver of the same scene and number of worlds"
                 )
+        self.set_parameters(**self._changed_parameters(saved))
         self.state.restore(dict(saved))
         self.time, self.started = saved["time"].copy(), saved["started"].copy()
-        self.gravity, self.face_velocity = saved["gravity_control"], saved["face_velocity_control"]
+        for name in self.controls.names():
+            self.controls.set(name, saved[f"{name}_control"])
         self._felt_gravity = saved["gravity_felt"].copy()
+
+    def _changed_parameters(self, saved: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """The parameters of `save` that differ from those of now."""
+        pairs = {name: saved[f"parameter_{name}"] for name in self._parameters.values}
+        return {name: value for name, value in pairs.items() if (value != self._parameters.values[name]).any()}
+
+
+def _index(kind: str, name: str, names: tuple[str, ...]) -> int:
+    if name not in names:
+        raise ValueError(f"{kind} {name!r} is unknown; use {', '.join(names) or 'a scene that has one'}")
+    return names.index(name)

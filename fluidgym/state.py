@@ -21,12 +21,75 @@ class Faces:
     velocity: wp.array2d[float]  # along the face's normal, (world, face) [m/s]
     acceleration: wp.array2d[float]  # along the face's normal, (world, face) [m/s2]
     sliding: wp.array3d[float]  # within the face's plane, (world, face, dim) [m/s]
+    temperature: wp.array[float]  # (face,)
+
+
+@wp.struct
+class Bodies:
+    """The solids of all worlds at one instant, and the rays by which fluid sees them."""
+
+    position: wp.array3d[float]  # of the middle, (world, body, dim) [m]
+    velocity: wp.array3d[float]  # (world, body, dim) [m/s]
+    acceleration: wp.array3d[float]  # (world, body, dim) [m/s2]
+    half: wp.array2d[float]  # half of each side, or the radius, (body, dim) [m]
+    temperature: wp.array[float]  # (body,)
+    ray: wp.array2d[float]  # directions, (ray, dim)
+    ray_share: wp.array[float]  # of the full angle, in radians or steradians, (ray,)
+
+
+@wp.struct
+class Nozzles:
+    """The pipes of all worlds. A row is a line of particles along a pipe."""
+
+    center: wp.array3d[float]  # middle of the back, (world, inflow, dim) [m]
+    frame: wp.array4d[float]  # axes: along, then across, (world, inflow, axis, dim)
+    half: wp.array3d[float]  # half of each side across, (world, inflow, dim - 1) [m]
+    speed: wp.array2d[float]  # mean, (world, inflow) [m/s]
+    length: wp.array[float]  # (inflow,) [m]
+    bulge: wp.array[float]  # of a parabolic profile: its peak over the mean of the rows; 0 is uniform, (inflow,)
+    temperature: wp.array[float]  # (inflow,)
+    row_inflow: wp.array[int]  # whose row it is, (row,)
+    row_across: wp.array2d[float]  # where it is across the pipe, (row, dim - 1) [m]
+
+
+@wp.struct
+class Drains:
+    """The outflows; every world has the same."""
+
+    lower: wp.array2d[float]  # (outflow, dim) [m]
+    upper: wp.array2d[float]  # (outflow, dim) [m]
+    axis: wp.array[int]  # along which fluid is carried; -1 retires it at once, (outflow,)
+    sign: wp.array[float]  # of the direction, (outflow,)
+    field: wp.array[float]  # density error held; NaN takes that of the fluid ahead, (outflow,)
+
+
+@wp.struct
+class Frozen:
+    """Wall particles that never move, in cells of their own; every world has the same."""
+
+    position: wp.array2d[float]  # (dim, slot) [m]
+    velocity: wp.array2d[float]  # zero, (dim, slot) [m/s]
+    field: wp.array[float]  # zero, (slot,)
+    bounds: wp.array[int]  # of the cells, (cell + 1,)
+
+
+@wp.struct
+class Ledger:
+    """What the nozzles of all worlds have done since the reset."""
+
+    emitted: wp.array[int]  # particles, (world,)
+    refused: wp.array[int]  # steps in which a row waited for the reserve, (world,)
+    first: wp.array[int]  # identity of the first particle that is emitted, (world,)
+    phase: wp.array2d[float]  # way gone since the newest particle of a row was at the back, (world, row) [m]
 
 
 class ParticleArrays:
-    """The arrays that are particles: position, velocity, density error, identity, and acceleration where it is kept."""
+    """The arrays that are particles: position, velocity, density error, identity, acceleration, temperature.
 
-    def __init__(self, dim: int, slots: int, device: wp.Device, acceleration: bool = True):
+    An array that is not kept has no columns.
+    """
+
+    def __init__(self, dim: int, slots: int, device: wp.Device, acceleration: bool = True, heat: bool = False):
         """Room for so many slots, and the padding behind them."""
         padded = slots + PADDING
         self.position = wp.zeros((dim, padded), dtype=float, device=device)
@@ -34,10 +97,11 @@ class ParticleArrays:
         self.density_error = wp.zeros(padded, dtype=float, device=device)
         self.identity = wp.zeros(padded, dtype=int, device=device)
         self.acceleration = wp.zeros((dim, padded if acceleration else 0), dtype=float, device=device)
+        self.temperature = wp.zeros(padded if heat else 0, dtype=float, device=device)
 
     def arrays(self) -> dict[str, wp.array]:
-        """All arrays by name."""
-        return dict(vars(self))
+        """All arrays that are kept, by name."""
+        return {name: array for name, array in vars(self).items() if array.size}
 
 
 def make_faces(dim: int, num_worlds: int, device: wp.Device) -> Faces:
@@ -51,9 +115,21 @@ def make_faces(dim: int, num_worlds: int, device: wp.Device) -> Faces:
     return faces
 
 
-def face_arrays(faces: Faces) -> dict[str, wp.array]:
-    """The arrays of a Faces that change with time, by name."""
-    return {name: getattr(faces, name) for name in ("position", "velocity", "acceleration")}
+def make_bodies_arrays(dim: int, num_worlds: int, half: np.ndarray, device: wp.Device) -> Bodies:
+    """Body arrays at the origin, for the half sides of each (body, dim)."""
+    bodies = Bodies()
+    shape = (num_worlds, len(half), dim)
+    bodies.position = wp.zeros(shape, dtype=float, device=device)
+    bodies.velocity = wp.zeros(shape, dtype=float, device=device)
+    bodies.acceleration = wp.zeros(shape, dtype=float, device=device)
+    bodies.half = wp.array(half, dtype=float, device=device)
+    return bodies
+
+
+def driven_arrays(driven: Faces | Bodies) -> dict[str, wp.array]:
+    """The arrays of faces or bodies that change with time, by name, each (world, item)."""
+    arrays = {name: getattr(driven, name) for name in ("position", "velocity", "acceleration")}
+    return {name: array.reshape((array.shape[0], array.size // array.shape[0])) for name, array in arrays.items()}
 
 
 @wp.kernel(module="fluidgym.state", enable_backward=False)
@@ -94,30 +170,62 @@ def copy_worlds(sources: wp.array, targets: wp.array, size: int, source: wp.arra
 
 
 class State:
-    """Particles, faces and scratch arrays of all worlds.
+    """Particles, faces, bodies, nozzles and scratch arrays of all worlds.
 
     Attributes:
         now: The particles.
         start: What a reset copies back.
         sorted: The particles at the middle of a step, in cell order: scratch between steps.
-        faces: The faces at the end of a step.
-        faces_middle: The faces at the middle of a step.
-        faces_start: What a reset copies back.
-        clamped: How often the safety net at walls was used since the reset, (world,).
+        field: What the force sweep reads: scratch between steps.
+        faces: The faces at the end of a step; faces_middle at its middle, faces_start what a reset copies back.
+        bodies: The bodies, likewise.
+        ledger: What the nozzles have done.
+        forces: What faces and bodies have done to the particles, in fixed point, (world, face and body, dim).
+        clamped: How often the safety net at walls and bodies was used since the reset, (world,).
     """
 
-    def __init__(self, dim: int, num_worlds: int, capacity: int, device: wp.Device):
+    def __init__(
+        self,
+        dim: int,
+        num_worlds: int,
+        capacity: int,
+        device: wp.Device,
+        half: np.ndarray,
+        rows: int = 0,
+        heat: bool = False,
+        forces: bool = False,
+    ):
+        """Allocate.
+
+        Args:
+            dim: Number of dimensions.
+            num_worlds: Number of worlds.
+            capacity: Slots of a world.
+            device: Where.
+            half: Half sides of the bodies [m], (body, dim).
+            rows: Rows of the nozzles of a world.
+            heat: Whether temperatures are kept.
+            forces: Whether forces are added up.
+        """
         self.dim, self.num_worlds, self.capacity, self.device = dim, num_worlds, capacity, device
         slots = num_worlds * capacity
-        self.now = ParticleArrays(dim, slots, device)
-        self.start = ParticleArrays(dim, slots, device)
-        self.sorted = ParticleArrays(dim, slots, device, acceleration=False)
-        self.reduced_pressure = wp.zeros(slots + PADDING, dtype=float, device=device)
+        self.now = ParticleArrays(dim, slots, device, heat=heat)
+        self.start = ParticleArrays(dim, slots, device, heat=heat)
+        self.sorted = ParticleArrays(dim, slots, device, acceleration=False, heat=heat)
+        self.field = wp.zeros(slots + PADDING, dtype=float, device=device)
         self.key = wp.zeros(slots, dtype=int, device=device)
         self.order = wp.zeros(slots, dtype=int, device=device)
-        self.faces = make_faces(dim, num_worlds, device)
-        self.faces_middle = make_faces(dim, num_worlds, device)
-        self.faces_start = make_faces(dim, num_worlds, device)
+        self.faces, self.faces_middle, self.faces_start = (make_faces(dim, num_worlds, device) for _ in range(3))
+        self.bodies, self.bodies_middle, self.bodies_before, self.bodies_start = (
+            make_bodies_arrays(dim, num_worlds, half, device) for _ in range(4)
+        )
+        self.ledger = Ledger()
+        worlds_with_rows = num_worlds if rows else 0
+        for name in ("emitted", "refused", "first"):
+            setattr(self.ledger, name, wp.zeros(worlds_with_rows, dtype=int, device=device))
+        self.ledger.phase = wp.zeros((worlds_with_rows, rows), dtype=float, device=device)
+        shape = (num_worlds, 2 * dim + len(half), dim) if forces else (0, 0, 0)
+        self.forces = wp.zeros(shape, dtype=wp.int64, device=device)
         self.clamped = wp.zeros(num_worlds, dtype=int, device=device)
 
     def set_start(self, worlds: np.ndarray, batch: ParticleArrays) -> None:
@@ -126,32 +234,53 @@ class State:
         for name, source in batch.arrays().items():
             copy_worlds(sources, targets, self.capacity, source, getattr(self.start, name))
 
-    def reset(self, worlds: np.ndarray) -> None:
-        """Copy the start of the worlds of these numbers (n,) over their present."""
+    def reset(self, worlds: np.ndarray, counts: np.ndarray, phase: float) -> None:
+        """Copy the start of some worlds over their present.
+
+        Args:
+            worlds: Their numbers (n,).
+            counts: Particles at the start of each world of all (world,).
+            phase: Of every row of the nozzles [m].
+        """
         chosen = self._numbers(worlds)
         for name, source in self.start.arrays().items():
             copy_worlds(chosen, chosen, self.capacity, source, getattr(self.now, name))
-        for name, source in face_arrays(self.faces_start).items():
-            flat = (source.size,)
-            for faces in (self.faces, self.faces_middle):
-                target = getattr(faces, name).reshape(flat)
-                copy_worlds(chosen, chosen, source.shape[1], source.reshape(flat), target)
+        pairs = [(self.faces_start, moved) for moved in (self.faces, self.faces_middle)]
+        pairs += [(self.bodies_start, moved) for moved in (self.bodies, self.bodies_middle, self.bodies_before)]
+        for start, moved in pairs:
+            targets = driven_arrays(moved)
+            for name, source in driven_arrays(start).items():
+                if source.size:
+                    flat = (source.size,)
+                    copy_worlds(chosen, chosen, source.shape[1], source.reshape(flat), targets[name].reshape(flat))
         nothing = wp.zeros(self.num_worlds, dtype=int, device=self.device)
         copy_worlds(chosen, chosen, 1, nothing, self.clamped)
+        if self.ledger.phase.size:
+            rows = self.ledger.phase.size // self.num_worlds
+            start = wp.full(self.ledger.phase.size, phase, dtype=float, device=self.device)
+            copy_worlds(chosen, chosen, rows, start, self.ledger.phase.reshape((self.ledger.phase.size,)))
+            first = wp.array(counts, dtype=int, device=self.device)
+            for source, target in ((nothing, "emitted"), (nothing, "refused"), (first, "first")):
+                copy_worlds(chosen, chosen, 1, source, getattr(self.ledger, target))
 
     def _numbers(self, worlds: np.ndarray) -> wp.array:
         """Numbers of worlds (n,), on the device."""
         return wp.array(np.asarray(worlds, np.int32), dtype=int, device=self.device)
 
+    def _kept(self) -> dict[str, wp.array]:
+        """All arrays that the future depends on, by name."""
+        kept = self.now.arrays()
+        kept |= {f"face_{name}": array for name, array in driven_arrays(self.faces).items()}
+        kept |= {f"body_{name}": array for name, array in driven_arrays(self.bodies).items() if array.size}
+        if self.ledger.phase.size:
+            kept |= {f"ledger_{name}": getattr(self.ledger, name) for name in ("emitted", "refused", "first", "phase")}
+        return kept
+
     def snapshot(self) -> dict[str, np.ndarray]:
         """The present of all worlds as NumPy arrays."""
-        saved = {name: array.numpy().copy() for name, array in self.now.arrays().items()}
-        faces = face_arrays(self.faces)
-        return saved | {f"face_{name}": array.numpy().copy() for name, array in faces.items()}
+        return {name: array.numpy().copy() for name, array in self._kept().items()}
 
     def restore(self, saved: dict[str, np.ndarray]) -> None:
         """Put a snapshot back, as it came."""
-        for name, array in self.now.arrays().items():
+        for name, array in self._kept().items():
             array.assign(saved[name])
-        for name, array in face_arrays(self.faces).items():
-            array.assign(saved[f"face_{name}"])

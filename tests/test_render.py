@@ -10,7 +10,7 @@ from PIL import Image, ImageDraw
 
 from fluidgym.render import Window, draw_frame, write_gif, write_mp4, write_png
 from fluidgym.render.camera import aim
-from fluidgym.render.colour import to_oklab, water_map
+from fluidgym.render.colour import PLATE, WALL, to_oklab, water_map
 from fluidgym.render.legend import lay_out
 from fluidgym.render.shot import check_shot
 
@@ -182,7 +182,8 @@ def test_zone_is_tinted():
 
 def deep_camera():
     nothing = {"faces": None, "label": "", "time": None, "title": None, "text": (), "zone": None, "size": (640, 400)}
-    layout = lay_out(check_shot(np.zeros((0, 3)), [], **DEEP, **nothing))
+    empty = {"bodies": (), "inflows": (), "outflows": ()}
+    layout = lay_out(check_shot(np.zeros((0, 3)), [], **DEEP, **nothing, **empty))
     return aim(np.array(DEEP["lower"]), np.array(DEEP["upper"]), layout, 1.2 * layout.type_size)
 
 
@@ -231,9 +232,225 @@ def test_deep_still_water_has_no_holes():
     assert np.ptp(face, axis=0).max() < 40
 
 
+def colour_at(frame, full_box, point):
+    """Return the mean colour around a point [m] of the flat picture."""
+    left, _, right, bottom = full_box
+    scale = (right - left) / 4.0
+    column, row = round(left + point[0] * scale), round(bottom - point[1] * scale)
+    return frame[row - 2 : row + 3, column - 2 : column + 3].reshape(-1, 3).mean(axis=0)
+
+
+def box(low, high, **more):
+    return {"shape": "box", "lower": low, "upper": high, **more}
+
+
+def ball(center, radius, **more):
+    return {"shape": "ball", "center": center, "radius": radius, **more}
+
+
+def pipe(center, direction, width, length, **more):
+    return {"center": center, "direction": direction, "width": width, "length": length, **more}
+
+
+def is_like(colour, paint, limit=14):
+    return np.abs(colour - np.array(paint)).max() < limit
+
+
+@pytest.mark.parametrize("world", [FLAT, DEEP])
+def test_no_fittings_leave_the_picture_as_it_is(world):
+    dim = len(world["lower"])
+    faces = {"x_min": {"position": 0.3, "moving": True}, "x_max": {"kind": "open"}}
+    plain, empty = (
+        draw_block((0.4,) * dim, (0.8,) * dim, world, faces=faces, **more)
+        for more in ({}, {"bodies": (), "inflows": [], "outflows": ()})
+    )
+    assert plain.tobytes() == empty.tobytes()
+
+
+@pytest.mark.parametrize(("moving", "paint"), [(False, WALL), (True, PLATE)])
+@pytest.mark.parametrize("body", [box((1, 0.5), (2, 1)), ball((1.5, 0.75), 0.25)])
+def test_body_covers_the_water_and_only_its_place(full_box, body, moving, paint):
+    full = draw_block((0, 0), (4, 2), FLAT)
+    frame = draw_block((0, 0), (4, 2), FLAT, bodies=[{**body, "moving": moving}])
+    assert is_like(colour_at(frame, full_box, (1.5, 0.75)), paint, 3)
+    assert is_like(colour_at(frame, full_box, (0.5, 0.75)), colour_at(full, full_box, (0.5, 0.75)), 10)
+    mask = (np.abs(frame.astype(int) - full) > 40).any(axis=2)
+    scale = (full_box[2] - full_box[0]) / 4.0
+    area = 0.5 if body["shape"] == "box" else np.pi * 0.25**2
+    assert mask.sum() / scale**2 == pytest.approx(area, rel=0.05)
+
+
+@pytest.mark.parametrize("thick", [1e-6, 0.002, 0.02])
+def test_thin_plate_is_seen_and_keeps_its_far_side_dry(full_box, thick):
+    plate = box((1.0, 0.0), (1.0 + thick, 1.2), moving=True)
+    left, top, right, bottom = full_box
+    frame = draw_block((0, 0), (1, 1), FLAT, bodies=[plate])
+    scale = (right - left) / 4.0
+    assert plate_column(frame) == pytest.approx(left + scale * (1.0 + thick / 2) - 0.5, abs=1.0)
+    seen = (np.abs(frame.astype(int) - PLATE).max(axis=2) < 90).any(axis=1)
+    assert seen.sum() == pytest.approx(1.2 * scale, abs=3)
+    dry = round(left + scale * (1.0 + thick)) + 3
+    empty = draw_frame(np.zeros((0, 2)), [], **FLAT)
+    assert np.array_equal(frame[top + 5 : bottom - 2, dry : dry + 40], empty[top + 5 : bottom - 2, dry : dry + 40])
+
+
+def test_water_reaches_a_body_without_a_rim(full_box):
+    water = lattice((0, 0), (4, 2), FLAT["spacing"])
+    obstacle = ((water > (1.47, 0.67)) & (water < (2.53, 1.33))).all(axis=1)
+    frame = draw_frame(water[~obstacle], np.ones((~obstacle).sum()), **FLAT, bodies=[box((1.5, 0.7), (2.5, 1.3))])
+    beside, away = (colour_at(frame, full_box, (x, 0.9)) for x in (1.46, 1.0))
+    assert is_like(beside, away, 8)
+
+
+@pytest.mark.parametrize("world", [FLAT, DEEP])
+@pytest.mark.parametrize("size", [(640, 400), (97, 211)])
+def test_body_in_part_or_wholly_outside_leaves_the_view_still(world, size):
+    dim = len(world["lower"])
+    plain = draw_block((0,) * dim, (0.6,) * dim, world, size=size)
+    for low, high in ((0.7, 9.0), (2.0, 3.0), (40.0, 41.0), (-60.0, -50.0)):
+        gate = box((1.6,) * (dim - 1) + (low,), (1.65,) * (dim - 1) + (high,), moving=True)
+        lifted = draw_block((0,) * dim, (0.6,) * dim, world, size=size, bodies=[gate])
+        same = (lifted == plain).all(axis=2)
+        assert same.mean() > 0.8
+        assert same[:, : size[0] // 3].all()
+        if abs(low) > 10:
+            assert same.all()
+
+
+@pytest.mark.parametrize("world", [FLAT, DEEP])
+def test_bodies_beyond_all_bounds_do_no_harm(world):
+    dim = len(world["lower"])
+    huge = [box((-1e300,) * dim, (-1e9,) * dim), ball((1e300,) * dim, 1e3), ball((0.5,) * dim, 1e-300)]
+    around = [box((-1e300,) * dim, (1e300,) * dim), ball((0.5,) * dim, 1e300)]
+    nozzle = pipe((1e300,) * dim, (1e-300,) + (0,) * (dim - 1), 1e300, 1e300)
+    region = {"lower": (-1e300,) * dim, "upper": (1e300,) * dim}
+    for bodies in (huge, around):
+        draw_block((0,) * dim, (0.6,) * dim, world, bodies=bodies, inflows=[nozzle], outflows=[region])
+
+
+@pytest.mark.parametrize("on", [True, False])
+def test_nozzle_has_walls_on_both_sides_and_an_arrow_when_on(full_box, on):
+    world = {**FLAT, "inflows": [pipe((1, 1), (2, 0), 0.4, 0.5, on=on)]}
+    frame = draw_frame(np.zeros((0, 2)), [], **world)
+    for side in (-0.23, 0.23):
+        assert is_like(colour_at(frame, full_box, (1.25, 1 + side)), WALL, 40)
+        assert not is_like(colour_at(frame, full_box, (1.6, 1 + side)), WALL, 40)
+    inside = colour_at(frame, full_box, (1.25, 1))
+    assert (inside.mean() > 100) == on
+    assert colour_at(frame, full_box, (1.6, 1)).mean() < 60
+
+
+def test_outflow_is_marked_otherwise_than_a_zone():
+    low, high = (2.0, 0.5), (3.0, 1.0)
+    plain, zone, outflow = (
+        draw_frame(np.zeros((0, 2)), [], **FLAT, **more)
+        for more in ({}, {"zone": (low, high)}, {"outflows": [{"lower": low, "upper": high}]})
+    )
+    marked = (outflow != plain).any(axis=2)
+    assert np.abs(extent(marked) - extent((zone != plain).any(axis=2))).max() <= 1
+    more = (outflow.astype(int) - plain)[marked]
+    assert (more[:, 0] > more[:, 1]).mean() > 0.9
+
+
+def deep_pixel(frame, point):
+    (column, row), _ = deep_camera().to_pixels(np.array(point))
+    return frame[int(row), int(column)].astype(int)
+
+
+@pytest.mark.parametrize("shape", ["box", "ball"])
+def test_deep_body_hides_water_behind_it_and_is_hidden_by_water_before_it(shape):
+    eye, place = deep_camera().eye, np.array([1.0, 0.4, 0.5])
+    back = (eye - place) / np.linalg.norm(eye - place)
+    body = ball(place, 0.1, moving=True) if shape == "ball" else box(place - 0.08, place + 0.08, moving=True)
+    alone = draw_frame(np.zeros((0, 3)), [], **DEEP, bodies=[body])
+    paint = deep_pixel(alone, place)
+    assert paint[0] > 130 and paint[0] > 1.3 * paint[2]
+    behind, before = (
+        draw_frame([place + way * back], [0.0], **{**DEEP, "spacing": 0.1}, bodies=[body]) for way in (-0.3, 0.3)
+    )
+    assert np.abs(deep_pixel(behind, place) - paint).max() <= 2
+    water = deep_pixel(before, place)
+    assert water[2] > water[0] and np.abs(water - paint).max() > 60
+
+
+def test_deep_body_under_water_only_shimmers():
+    still = draw_block((0, 0, 0), (2, 0.8, 0.6), DEEP)
+    sunk = draw_block((0, 0, 0), (2, 0.8, 0.6), DEEP, bodies=[box((0.8, 0.2, 0.1), (1.2, 0.5, 0.4))])
+    difference = np.abs(sunk.astype(int) - still).max(axis=2)
+    assert 2 < difference.max() < 60
+
+
+@pytest.mark.parametrize("thick", [1e-9, 0.001])
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_deep_thin_plate_is_seen(axis, thick):
+    low, high = np.array([0.8, 0.2, 0.3]), np.array([1.2, 0.6, 0.7])
+    high[axis] = low[axis] + thick
+    frame = draw_frame(np.zeros((0, 3)), [], **DEEP, bodies=[box(low, high, moving=True)])
+    assert deep_pixel(frame, 0.5 * (low + high))[0] > 130
+
+
+def test_deep_body_covers_its_silhouette():
+    low, high = (1.0, 0.2, 0.3), (1.6, 0.6, 0.7)
+    mask = changed(draw_frame(np.zeros((0, 3)), [], **DEEP, bodies=[box(low, high, moving=True)]), DEEP)
+    assert mask.sum() == pytest.approx(silhouette(low, high), rel=0.03)
+
+
+@pytest.mark.parametrize("more", [{}, {"height": 0.2}, {"height": None}])
+def test_deep_nozzle_shows_its_water_at_the_mouth_only(more):
+    water = lattice((0.5, 0.3, 0.4), (1.2, 0.5, 0.6), DEEP["spacing"])
+    water = water[np.hypot(water[:, 1] - 0.4, water[:, 2] - 0.5) < 0.1]
+    nozzle = pipe((0.5, 0.4, 0.5), (1, 0, 0), 0.2, 0.4, on=False, **more)
+    bare, fitted = (draw_frame(water, np.zeros(len(water)), **DEEP, **given) for given in ({}, {"inflows": [nozzle]}))
+    grey, blue = deep_pixel(fitted, (0.6, 0.3, 0.5)), deep_pixel(bare, (0.6, 0.3, 0.5))
+    assert blue[2] - blue[0] > 60 and grey[2] - grey[0] < 50
+    assert np.abs(deep_pixel(fitted, (1.1, 0.3, 0.5)) - deep_pixel(bare, (1.1, 0.3, 0.5))).max() < 10
+    on = draw_frame(water, np.zeros(len(water)), **DEEP, inflows=[{**nozzle, "on": True}])
+    assert on.max() > fitted.max() or (on != fitted).any(axis=2).sum() > 30
+
+
+@pytest.mark.parametrize("world", [FLAT, DEEP])
+@pytest.mark.parametrize("value_range", [(273.0, 373.0), (-5e4, 1.5e5), (1e8, 1.001e8)])
+def test_colours_follow_any_range_of_values(world, value_range):
+    low, high = value_range
+    dim = len(world["lower"])
+    points = np.concatenate([lattice((0,) * dim, (0.5,) * dim, world["spacing"]), [[0.7] * dim]])
+    share = np.linspace(0.0, 1.0, len(points))
+    unit, scaled = (
+        draw_frame(points, values, **{**world, "value_range": ends})[:350].astype(int)
+        for values, ends in ((share, (0.0, 1.0)), (low + share * (high - low), value_range))
+    )
+    assert np.abs(unit - scaled).max() <= 3
+
+
+def test_close_ends_of_the_colour_bar_are_told_apart():
+    first, second = (draw_block((0, 0), (1, 1), FLAT, value_range=(300.0, end))[350:] for end in (300.1, 300.2))
+    assert (first != second).any()
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
+        ({"bodies": {"gate": {}}}, "bodies: .* must be a sequence of dicts; give"),
+        ({"bodies": [3]}, r"bodies\[0\]: 3 must be a dict; give"),
+        ({"bodies": [{}]}, r"bodies\[0\] shape: missing; use 'box' or 'ball'"),
+        ({"bodies": [{"shape": "cone", "name": "top"}]}, r"bodies\[0\] \('top'\) shape: 'cone' unknown; use"),
+        ({"bodies": [{"shape": "box", "lower": (0, 0)}]}, r"bodies\[0\] upper: missing; give lower, upper"),
+        ({"bodies": [box((0, 0), (1, 1), radius=2)]}, r"bodies\[0\]: 'radius' unknown; use shape, lower"),
+        ({"bodies": [box((0, 0, 0), (1, 1, 1))]}, r"bodies\[0\] lower: .* must be 2 numbers"),
+        ({"bodies": [box((0, 0), (1, 0))]}, r"bodies\[0\] upper: .*not above bodies\[0\] lower"),
+        ({"bodies": [box((0, 0), (1, np.nan))]}, r"bodies\[0\] upper: nan is not a finite number"),
+        ({"bodies": [box((0, 0), (1, 1)), ball((0, 0), 0)]}, r"bodies\[1\] radius: 0 m is not above 0; give"),
+        ({"bodies": [ball(5, 1)]}, r"bodies\[0\] center: 5 must be 2 numbers"),
+        ({"bodies": [ball([(1, 2), 3], 1)]}, r"bodies\[0\] center: \(1, 2\) is not a finite number"),
+        ({"inflows": 1}, "inflows: 1 must be a sequence"),
+        ({"inflows": [pipe((0, 0), (0, 0), 1, 1)]}, r"inflows\[0\] direction: .*no length; give"),
+        ({"inflows": [pipe((0, 0), (1, 0), -1, 1)]}, r"inflows\[0\] width: -1 m is not above 0"),
+        ({"inflows": [pipe((0, 0), (1, 0), 1, 0)]}, r"inflows\[0\] length: 0 m is not above 0"),
+        ({"inflows": [pipe((0, 0), (1, 0), 1, 1, height=1)]}, r"inflows\[0\] height: 1 is for three dimensions"),
+        ({"inflows": [{"center": (0, 0)}]}, r"inflows\[0\] direction: missing; give"),
+        ({"outflows": [{"lower": (0, 0), "upper": (1, -1)}]}, r"outflows\[0\] upper: .*not above"),
+        ({"outflows": [{"lower": (0, 0), "upper": (1, 1), "on": 1}]}, r"outflows\[0\]: 'on' unknown; use"),
+        ({"lower": "corner"}, "lower: 'corner' is not 2 or 3 finite numbers"),
         ({"positions": np.zeros((5, 3))}, r"positions: .*\(5, 3\)"),
         ({"values": np.zeros(4)}, r"values: .*\(4,\)"),
         ({"spacing": 0.0}, "spacing: 0 m"),

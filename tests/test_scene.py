@@ -357,8 +357,8 @@ BAD_SCENES = {
     ),
     "faces without names": (
         {"faces": [WALL]},
-        "Scene.faces = [Face(kind='wall', slip='free', moving=False, travel=None, start=None, sliding=None, temperature=None)]"
-        " is not a mapping; use {'x_min': Face('wall')}",
+        "Scene.faces = [Face(kind='wall', slip='free', moving=False, travel=None, start=None, sliding=None,"
+        " temperature=None)] is not a mapping; use {'x_min': Face('wall')}",
     ),
     "jitter in words": ({"jitter": "0.1"}, "Scene.jitter = '0.1' is not a number; use 0 to 0.25"),
     "seed of a fraction": ({"seed": 0.5}, "Scene.seed = 0.5 is not a whole number; use 0 or more"),

@@ -162,9 +162,13 @@ def sources(solver, folder):
     """The generated source of the kernels of a step, by name; Warp writes it as it compiles for CUDA."""
     found = {}
     for name, kernel in vars(solver._kernels).items():
+        if kernel is None:
+            continue
         wp.compile_aot_module(kernel.module, arch=80, use_ptx=True, module_dir=folder / name)
         (path,) = (folder / name).glob("*.cu")
-        found[name] = path.read_text()
+        # Warp quotes the Python lines in comments, those it left out as well.
+        lines = path.read_text().splitlines()
+        found[name] = "\n".join(line for line in lines if not line.lstrip().startswith("//"))
     return found
 
 

@@ -130,7 +130,7 @@ def assert_counts_neighbours(counted, solver, position, identity):
 def test_grid_covers_the_box_in_rows_that_reach_the_search(scattered):
     solver = scattered[0]
     grid, scene = solver._grid, solver.scene
-    search = solver._values["support"] + solver._values["skin"]
+    search = solver._numbers["support"] + solver._numbers["skin"]
     for axis in range(scene.dim):
         length = scene.upper[axis] - scene.lower[axis]
         assert grid.count[axis] * grid.width[axis] >= length - 1e-6
@@ -161,13 +161,13 @@ def test_particles_lie_in_the_order_of_their_cells_and_keep_theirs_within_one(sc
 
 def test_every_pair_within_the_support_is_counted_once(scattered):
     solver, position, identity, _ = scattered
-    counted = visits(solver, position, solver._values["support"])
+    counted = visits(solver, position, solver._numbers["support"])
     assert_counts_neighbours(counted, solver, position, identity)
 
 
 def test_no_pair_is_missed_after_a_drift_of_half_the_skin_each(scattered):
     solver, position, identity, _ = scattered
-    skin, support, dim = solver._values["skin"], solver._values["support"], solver.scene.dim
+    skin, support, dim = solver._numbers["skin"], solver._numbers["support"], solver.scene.dim
     direction = np.random.default_rng(4).normal(size=position.shape)
     moved = position + 0.5 * skin * direction / np.linalg.norm(direction, axis=1, keepdims=True)
     moved = np.clip(moved, *BOXES[dim]).astype(np.float32)

@@ -45,6 +45,11 @@ class Camera:
         flat = seen[..., :2] * (self.zoom, -self.zoom)
         return self.middle + flat / np.maximum(depth, 1e-9)[..., None], depth
 
+    def rays(self, pixels: np.ndarray) -> np.ndarray:
+        """Return the directions (m, 3) in which pixel coordinates (m, 2) [px] see, each 1 m in depth long."""
+        flat = (pixels - self.middle) / (self.zoom, -self.zoom)
+        return flat @ self.axes[:2] - self.axes[2]
+
     def scale(self, depth: np.ndarray) -> np.ndarray:
         """Return the pixels per metre [px/m] at depths (...) [m]."""
         return self.zoom / np.maximum(depth, 1e-9)

@@ -72,6 +72,27 @@ class Canvas:
         pieces = [piece for line in lines for piece in _dashes(np.asarray(line, float), dash)]
         self.fill([_thicken(piece, width) for piece in pieces], colour, opacity)
 
+    def arrow(self, line: np.ndarray, colour: Colour, halo: Colour) -> None:
+        """Paint a small arrow in the middle of a line, along it.
+
+        Args:
+            line: End points [px] (2, 2).
+            colour: The paint.
+            halo: The paint around it, so that it stands out on any ground.
+        """
+        length = float(np.linalg.norm(line[1] - line[0]))
+        if length < 1e-6:
+            return
+        along = (line[1] - line[0]) / length
+        side = np.array([-along[1], along[0]])
+        middle, reach = line.mean(axis=0), 0.5 * float(np.clip(0.7 * length, 6.0, 32.0))
+        size = min(1.0, reach / 6.0)
+        for paint, more in ((halo, 1.3 * size), (colour, 0.0)):
+            tail, neck = middle - (reach + more) * along, middle + (reach - 6.5 * size - 0.7 * more) * along
+            tip, wide = middle + (reach + 1.8 * more) * along, (3.8 * size + 1.7 * more) * side
+            shaft = _thicken(np.stack([tail, neck]), 2.0 * size + 2.0 * more)
+            self.fill([shaft, np.stack([tip, neck + wide, neck - wide])], paint)
+
     def text(self, at: tuple[float, float], words: str, size: int, colour: Colour, anchor: str = "ls") -> None:
         """Write one line of text.
 
@@ -91,6 +112,17 @@ class Canvas:
     def picture(self, pixels: np.ndarray, at: tuple[int, int]) -> None:
         """Lay a small picture (rows, columns, 3) with its upper left corner at a pixel."""
         self._image.paste(Image.fromarray(np.ascontiguousarray(pixels, dtype=np.uint8)), at)
+
+    def stamp(self, cover: np.ndarray, at: tuple[int, int], colour: Colour) -> None:
+        """Paint through a stencil.
+
+        Args:
+            cover: Shares in 0 to 1 that the paint takes (rows, columns); they must lie inside the picture.
+            at: Where its upper left corner lies [px].
+            colour: The paint.
+        """
+        stencil = Image.fromarray((cover * 255.0 + 0.5).astype(np.uint8))
+        self._image.paste(colour, (*at, at[0] + stencil.width, at[1] + stencil.height), stencil)
 
     def shade(self, where: np.ndarray, colours: np.ndarray, alpha: np.ndarray) -> None:
         """Blend single pixels.
@@ -136,6 +168,26 @@ def rectangle(low: Sequence[float] | np.ndarray, high: Sequence[float] | np.ndar
 def outline(corners: np.ndarray) -> list[np.ndarray]:
     """Return the sides (2, 2) of a polygon given by its corners (corners, 2)."""
     return [np.stack(side) for side in zip(corners, np.roll(corners, -1, axis=0), strict=True)]
+
+
+def hatch(corners: np.ndarray, gap: float) -> list[np.ndarray]:
+    """Return slanted lines (2, 2) across a four-sided area.
+
+    Args:
+        corners: Its corners in order (4, 2) [px].
+        gap: Between the lines, along a side [px].
+    """
+    _, across, _, along = corners - corners[0]
+    wide, high = float(np.linalg.norm(across)), float(np.linalg.norm(along))
+    if min(wide, high) < 1.0:
+        return []
+    skew = corners[2] - corners[1] - along
+    lines = []
+    for cut in np.arange(0.5 * gap, wide + high, gap):
+        ends = np.array([(min(cut, wide), max(cut - wide, 0.0)), (max(cut - high, 0.0), min(cut, high))])
+        u, v = (ends / (wide, high)).T[:, :, None]
+        lines.append(corners[0] + u * across + v * along + u * v * skew)
+    return lines
 
 
 def _dashes(line: np.ndarray, dash: tuple[float, float] | None) -> list[np.ndarray]:

@@ -29,6 +29,9 @@ def draw_frame(
     title: str | None = None,
     text: str | Sequence[str] = (),
     zone: tuple[Any, Any] | None = None,
+    bodies: Sequence[Mapping[str, Any]] = (),
+    inflows: Sequence[Mapping[str, Any]] = (),
+    outflows: Sequence[Mapping[str, Any]] = (),
     size: tuple[int, int] = (640, 400),
 ) -> np.ndarray:
     """Draw particles as water in their box.
@@ -36,7 +39,7 @@ def draw_frame(
     In two dimensions x runs to the right and y up. In three dimensions x runs to the right, z up
     and y into the picture, seen from the front, the right and above. The view depends on the box,
     the picture size and the number of heading lines only, so it stands still while water and walls
-    move. Particles with a position or value that is not finite are left out, and so are those far away.
+    move, and bodies too. Particles with a position or value that is not finite are left out, and so are those far away.
 
     Args:
         positions: Particle positions (n, dim) [m], dim 2 or 3; n may be 0.
@@ -54,6 +57,16 @@ def draw_frame(
         title: Heading, or None to leave it out.
         text: Further lines under the heading.
         zone: Lower and upper corner (dim,) [m] of a region to mark, or None.
+        bodies: Solids, in or out of the box: each a dict with "shape" "box", "lower" and "upper" (dim,) [m],
+            or with "shape" "ball", "center" (dim,) [m] and "radius" [m]. "moving" (bool) gives it the
+            colour of a moving wall; "name", here and below, stands in messages only. In three dimensions water in front
+            of it hides it all but for a shimmer.
+        inflows: Nozzles: each a dict with "center", the middle of the closed back of a short pipe (dim,)
+            [m], "direction" in which the pipe runs from there and the water leaves (dim,), "width" of the
+            opening [m] (in three dimensions its diameter or, with a height, its horizontal side),
+            "height" [m] (only in three dimensions; None is round), "length" of the pipe [m] and "on" (bool,
+            True if left out), which shows an arrow.
+        outflows: Regions that remove water: each a dict with "lower" and "upper" (dim,) [m].
         size: Width and height of the picture [px], each from 64 to 8192.
 
     Returns:
@@ -75,6 +88,9 @@ def draw_frame(
         title=title,
         text=text,
         zone=zone,
+        bodies=bodies,
+        inflows=inflows,
+        outflows=outflows,
         size=size,
     )
     layout = lay_out(shot)

@@ -82,7 +82,7 @@ def _draw_heading(canvas: Canvas, shot: Shot, layout: Layout) -> None:
 
 def _draw_bar(canvas: Canvas, shot: Shot, layout: Layout, baseline: float, taken: float) -> None:
     """Draw, from right to left: highest value, bar, lowest value, and the label if there is room for it."""
-    low, high = (f"{end:.3g}" for end in shot.value_range)
+    low, high = _end_numbers(*shot.value_range)
     size, gap = layout.type_size, 0.6 * layout.type_size
     thick, length = max(4, round(0.55 * size)), int(np.clip(0.24 * shot.size[0], 24, 220))
     right = layout.right - 0.3 * size
@@ -98,3 +98,13 @@ def _draw_bar(canvas: Canvas, shot: Shot, layout: Layout, baseline: float, taken
     start -= canvas.text_width(low, size) + 1.5 * gap
     if start - canvas.text_width(shot.label, size) > taken:
         canvas.text((start, baseline), shot.label, size, FAINT_INK, anchor="rs")
+
+
+def _end_numbers(low: float, high: float) -> tuple[str, str]:
+    """Write the ends of the colour bar with three digits, or as many as tell them apart."""
+    words = "", ""
+    for digits in range(3, 12):
+        words = f"{low:.{digits}g}", f"{high:.{digits}g}"
+        if words[0] != words[1]:
+            break
+    return words

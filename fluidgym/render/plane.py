@@ -8,12 +8,15 @@ import numpy as np
 from PIL import Image
 
 from fluidgym.render import field
-from fluidgym.render.canvas import Canvas, outline, rectangle
-from fluidgym.render.colour import EDGE, PLATE, SKY, TANK, WALL, ZONE, colour_values
+from fluidgym.render.canvas import Canvas, hatch, outline, rectangle
+from fluidgym.render.colour import BACKGROUND, DRAIN, EDGE, INK, PLATE, PLATE_EDGE, SKY, TANK, WALL, ZONE, colour_values
+from fluidgym.render.fittings import Nozzle, Solid
 from fluidgym.render.legend import Layout
 from fluidgym.render.shot import Shot, Side
 
 _DROP = 0.5  # Radius of a lone particle, in particle spacings.
+_RIM = 1.4  # Width of the outline of a body [px].
+_WETTED = 0.4  # Widest gap between water and a body that is drawn closed, about, in particle spacings.
 _FOAM = (244, 252, 255)
 _DEEP = (8, 24, 58)
 
@@ -53,6 +56,12 @@ def draw_plane(canvas: Canvas, shot: Shot, layout: Layout) -> None:
     _draw_water(canvas, shot, plan)
     for face in shot.faces.values():
         _draw_face(canvas, shot, plan, face)
+    for nozzle in shot.inflows:
+        _draw_nozzle(canvas, nozzle, plan)
+    for solid in shot.bodies:
+        _draw_body(canvas, shot, solid, plan)
+    for region in shot.outflows:
+        _draw_outflow(canvas, shot, region, plan)
     if shot.zone is not None:
         _draw_zone(canvas, shot.zone, plan)
 
@@ -89,6 +98,8 @@ def _draw_water(canvas: Canvas, shot: Shot, plan: Plan) -> None:
     places = (plan.to_pixels(points) - origin)[:, ::-1]
     fraction, value = _pixel_fields(places, values, spacing, shape)
 
+    if shot.bodies:
+        fraction = fraction + _stand_in(shot, plan, fraction, spacing)
     body = _depth_of_body(fraction, spacing)
     room = _room(shot, plan, origin, shape)
     drops = _depth_of_drops(places[: len(shot.positions)], fraction * room, spacing)
@@ -118,6 +129,35 @@ def _pixel_fields(
         np.asarray(Image.fromarray(coarse).resize(size, Image.Resampling.BICUBIC, box=box)) for coarse in fields
     )
     return fraction, value
+
+
+def _stand_in(shot: Shot, plan: Plan, fraction: np.ndarray, spacing: float) -> np.ndarray:
+    """Return the fraction of water to add in bodies, so that water beside a body reaches it and has no rim there."""
+    left, top, right, bottom = plan.window
+    solid = np.zeros_like(fraction)
+    for body in shot.bodies:
+        thick = min(float((body.upper - body.lower).min()) / shot.spacing, 1.0)  # A thin one must not wet its far side.
+        away = _distance(body, plan, (left, top, right, bottom)) - _WETTED * thick * spacing
+        share = 0.5 - 0.5 * np.tanh(away * (0.85 / max(field.BELL * spacing, 0.8)))
+        solid = np.maximum(solid, thick * share)
+    return solid * np.minimum(4.0 * fraction, 1.0)
+
+
+def _distance(body: Solid, plan: Plan, window: tuple[int, int, int, int]) -> np.ndarray:
+    """Return how far the pixels of a window lie outside a body (rows, columns) [px]; negative inside.
+
+    A body thinner than two pixels counts as two pixels thick.
+    """
+    left, top, right, bottom = window
+    middle = plan.to_pixels(0.5 * (body.lower + body.upper))
+    half = np.maximum(0.5 * (body.upper - body.lower) * plan.scale, 1.0)
+    across = np.abs(np.arange(left, right) + 0.5 - middle[0])
+    along = np.abs(np.arange(top, bottom) + 0.5 - middle[1])[:, None]
+    if body.round:
+        return np.hypot(across, along) - half[0]
+    beyond = across - half[0], along - half[1]
+    outside = np.hypot(np.maximum(beyond[0], 0.0), np.maximum(beyond[1], 0.0))
+    return outside + np.minimum(np.maximum(*beyond), 0.0)
 
 
 def _depth_of_body(fraction: np.ndarray, spacing: float) -> np.ndarray:
@@ -257,6 +297,41 @@ def _draw_piston(canvas: Canvas, shot: Shot, plan: Plan, face: Side) -> None:
     canvas.stroke([plan.to_pixels(rod)], WALL, width=0.8 * plan.thickness)
     canvas.stroke([plan.to_pixels(rod)], SKY, width=0.2 * plan.thickness, opacity=0.5)
     canvas.fill([plate], PLATE)
+
+
+def _draw_body(canvas: Canvas, shot: Shot, body: Solid, plan: Plan) -> None:
+    ends = np.sort(plan.to_pixels(np.stack([body.lower, body.upper])), axis=0)
+    left, top = np.clip(np.floor(ends[0] - 2.0), 0, shot.size).astype(int).tolist()
+    right, bottom = np.clip(np.ceil(ends[1] + 2.0), 0, shot.size).astype(int).tolist()
+    if left >= right or top >= bottom:
+        return
+    inward = -_distance(body, plan, (left, top, right, bottom))
+    cover = np.clip(inward + 0.5, 0.0, 1.0)
+    canvas.stamp(cover, (left, top), PLATE if body.moving else WALL)
+    if (ends[1] - ends[0]).min() > 6.0:  # A thin plate shows its own colour only.
+        rim = cover * np.clip(_RIM + 0.5 - inward, 0.0, 1.0)
+        canvas.stamp(rim, (left, top), PLATE_EDGE if body.moving else EDGE)
+
+
+def _draw_nozzle(canvas: Canvas, nozzle: Nozzle, plan: Plan) -> None:
+    """Draw the two walls and the back of a pipe, and an arrow in it while it is on."""
+    along, across = nozzle.axes
+    thick = 0.6 * plan.thickness / plan.scale
+    end, side = nozzle.length * along, (nozzle.half[0] + 0.5 * thick) * across
+    back = nozzle.center - 0.5 * thick * along
+    lines = [np.stack([back + sign * side, nozzle.center + end + sign * side]) for sign in (-1.0, 1.0)]
+    lines.append(np.stack([back - side - 0.5 * thick * across, back + side + 0.5 * thick * across]))
+    canvas.stroke([plan.to_pixels(line) for line in lines], WALL, width=0.6 * plan.thickness)
+    if nozzle.on:
+        canvas.arrow(plan.to_pixels(np.stack([nozzle.center, nozzle.center + end])), INK, BACKGROUND)
+
+
+def _draw_outflow(canvas: Canvas, shot: Shot, region: tuple[np.ndarray, np.ndarray], plan: Plan) -> None:
+    ends = np.clip(plan.to_pixels(np.stack(region)), -20.0, np.array(shot.size) + 20.0)
+    corners = rectangle(*ends)
+    canvas.fill([corners], DRAIN, opacity=0.1)
+    canvas.stroke(hatch(corners, 9.0), DRAIN, width=1.2, opacity=0.6)
+    canvas.stroke(outline(corners), DRAIN, width=1.4, opacity=0.9, dash=(3.0, 3.0))
 
 
 def _draw_zone(canvas: Canvas, zone: tuple[np.ndarray, np.ndarray], plan: Plan) -> None:

@@ -8,6 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from fluidgym.render.checks import box, number, positive
+from fluidgym.render.fittings import Nozzle, Solid, check_bodies, check_inflows, check_outflows
+
 KINDS = ("wall", "open", "periodic")
 _AXES = "xyz"
 _FARTHEST = 100.0  # Particles farther from the middle of the box, in box diagonals, are left out.
@@ -50,6 +53,9 @@ class Shot:
         title: Heading, or None.
         text: Further lines under the heading.
         zone: Lower and upper corner of a target region (dim,) [m], or None.
+        bodies: Solids in the box.
+        inflows: Nozzles.
+        outflows: Lower and upper corners of the regions that remove water (dim,) [m].
         size: Width and height of the picture [px].
     """
 
@@ -65,6 +71,9 @@ class Shot:
     title: str | None
     text: tuple[str, ...]
     zone: tuple[np.ndarray, np.ndarray] | None
+    bodies: tuple[Solid, ...]
+    inflows: tuple[Nozzle, ...]
+    outflows: tuple[tuple[np.ndarray, np.ndarray], ...]
     size: tuple[int, int]
 
     @property
@@ -87,6 +96,9 @@ def check_shot(
     title: str | None,
     text: str | Sequence[str],
     zone: tuple[Any, Any] | None,
+    bodies: Sequence[Mapping[str, Any]],
+    inflows: Sequence[Mapping[str, Any]],
+    outflows: Sequence[Mapping[str, Any]],
     size: tuple[int, int],
 ) -> Shot:
     """Check the arguments of ``draw_frame`` and gather them.
@@ -104,6 +116,9 @@ def check_shot(
         title: As in ``draw_frame``.
         text: As in ``draw_frame``.
         zone: As in ``draw_frame``.
+        bodies: As in ``draw_frame``.
+        inflows: As in ``draw_frame``.
+        outflows: As in ``draw_frame``.
         size: As in ``draw_frame``.
 
     Returns:
@@ -112,61 +127,32 @@ def check_shot(
     Raises:
         ValueError: An argument is out of its limits.
     """
-    box = _check_box("lower", lower, "upper", upper)
-    dim = len(box[0])
-    points, numbers = _check_particles(positions, values, *box)
-    spacing = _number("spacing", spacing, "[m]")
-    if spacing <= 0.0:
-        raise ValueError(f"spacing: {spacing:g} m is not above 0; give the particle spacing")
-    zone_box = None if zone is None else _check_zone(zone, dim)
+    corners = box("lower", lower, "upper", upper)
+    points, numbers = _check_particles(positions, values, *corners)
     return Shot(
         positions=points,
         values=numbers,
-        lower=box[0],
-        upper=box[1],
-        spacing=spacing,
-        faces=_check_faces(faces, *box),
+        lower=corners[0],
+        upper=corners[1],
+        spacing=positive("spacing", spacing, "give the particle spacing"),
+        faces=_check_faces(faces, *corners),
         value_range=_check_range(value_range, numbers),
         label=str(label),
-        time=None if time is None else _number("time", time, "[s]"),
+        time=None if time is None else number("time", time, "[s]"),
         title=None if title is None else str(title),
         text=(text,) if isinstance(text, str) else tuple(str(line) for line in text),
-        zone=zone_box,
+        zone=None if zone is None else _check_zone(zone, len(corners[0])),
+        bodies=check_bodies(bodies, *corners),
+        inflows=check_inflows(inflows, *corners),
+        outflows=check_outflows(outflows, *corners),
         size=_check_size(size),
     )
-
-
-def _number(name: str, value: Any, unit: str = "") -> float:
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        number = np.nan
-    if not np.isfinite(number):
-        raise ValueError(f"{name}: {value!r} is not a finite number; give one number {unit}".rstrip())
-    return number
-
-
-def _corner(name: str, value: Any) -> np.ndarray:
-    corner = np.asarray(value, dtype=np.float64)
-    if corner.shape not in ((2,), (3,)) or not np.isfinite(corner).all():
-        raise ValueError(f"{name}: {value!r} is not 2 or 3 finite numbers; give a corner [m]")
-    return corner
-
-
-def _check_box(low_name: str, low: Any, high_name: str, high: Any) -> tuple[np.ndarray, np.ndarray]:
-    lower, upper = _corner(low_name, low), _corner(high_name, high)
-    if lower.shape != upper.shape or not (lower < upper).all():
-        raise ValueError(
-            f"{high_name}: {upper.tolist()} is not above {low_name} {lower.tolist()} on every axis; "
-            "give two opposite corners [m]"
-        )
-    return lower, upper
 
 
 def _check_zone(zone: Any, dim: int) -> tuple[np.ndarray, np.ndarray]:
     if np.ndim(zone) != 2 or len(zone) != 2:
         raise ValueError(f"zone: {zone!r} must be two corners of one length; give (lower, upper) [m]")
-    lower, upper = _check_box("zone lower", zone[0], "zone upper", zone[1])
+    lower, upper = box("zone lower", zone[0], "zone upper", zone[1])
     if len(lower) != dim:
         raise ValueError(f"zone: {len(lower)} axes, but the box has {dim}; give corners of {dim} [m]")
     return lower, upper
@@ -194,10 +180,10 @@ def _check_particles(
 def _check_range(value_range: Any, numbers: np.ndarray) -> tuple[float, float]:
     if value_range is None:
         low, high = (float(numbers.min()), float(numbers.max())) if len(numbers) else (0.0, 1.0)
-        return (low, high) if high > low else (low, low + 1.0)
+        return (low, high) if high > low else (low, low + max(1.0, 1e-6 * abs(low)))
     if np.shape(value_range) != (2,):
         raise ValueError(f"value_range: {value_range!r} must be two numbers; give (low, high)")
-    low, high = (_number("value_range", end) for end in value_range)
+    low, high = (number("value_range", end) for end in value_range)
     if not low < high:
         raise ValueError(f"value_range: ({low:g}, {high:g}) does not rise; give low below high")
     return low, high
@@ -219,13 +205,13 @@ def _check_faces(
     given = dict(faces or {})
     checked = {}
     for axis in range(len(lower)):
-        for outward, side, box in ((-1, "min", lower), (1, "max", upper)):
+        for outward, side, ends in ((-1, "min", lower), (1, "max", upper)):
             name = f"{_AXES[axis]}_{side}"
             entry = given.pop(name, {})
             kind = entry.get("kind", "wall")
             if kind not in KINDS:
                 raise ValueError(f"faces[{name!r}]: kind {kind!r} must be one of {', '.join(KINDS)}")
-            position = _number(f"faces[{name!r}] position", entry.get("position", box[axis]), "[m]")
+            position = number(f"faces[{name!r}] position", entry.get("position", ends[axis]), "[m]")
             checked[name] = Side(axis, outward, kind, position, bool(entry.get("moving", False)))
     if given:
         raise ValueError(f"faces: {', '.join(map(repr, given))} unknown; use {', '.join(checked)}")

@@ -24,7 +24,7 @@ _CELL_PIXELS = 4.5  # Wished size of a grid cell in the picture.
 _MOST_CELLS = 6_000_000
 _STEEPEST = np.float32(0.12)  # A disc seen edge-on is cut as if it were tilted this much.
 _HAZE = 0.3  # Share of the background in the colour of the farthest water.
-_LIGHT = np.array([-0.35, -0.45, 0.82]) / np.linalg.norm([-0.35, -0.45, 0.82])
+LIGHT = np.array([-0.35, -0.45, 0.82]) / np.linalg.norm([-0.35, -0.45, 0.82])
 
 
 @dataclass(frozen=True)
@@ -151,7 +151,7 @@ def _slope(grid: np.ndarray, index: np.ndarray) -> np.ndarray:
     return np.stack([flat[at + step] - flat[at - step] for step in steps], axis=1)
 
 
-def show_surface(shot: Shot, camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def show_surface(shot: Shot, camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Render the water.
 
     Args:
@@ -159,8 +159,9 @@ def show_surface(shot: Shot, camera: Camera) -> tuple[np.ndarray, np.ndarray, np
         camera: The view.
 
     Returns:
-        Flat numbers of the pixels that show water (m,), their colours (m, 3), and flat numbers of
-        the pixels along its outlines (k,).
+        Flat numbers of the pixels that show water (m,), their colours (m, 3), flat numbers of the
+        pixels along its outlines (k,), and the depth of the water in every pixel, infinite where
+        there is none (height * width,) [m].
     """
     cuts = [_cut(patches, camera, shot.size) for patches in find_surface(shot, camera)]
     pixel, depth, weight, normals, values = map(np.concatenate, zip(*cuts, strict=True))
@@ -177,10 +178,15 @@ def show_surface(shot: Shot, camera: Camera) -> tuple[np.ndarray, np.ndarray, np
     normal = np.stack([mean(part) for part in normals.T], axis=1)
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
     colours = _shade(colour_values(mean(values), shot.value_range), normal, camera)
+    colours = add_haze(colours, nearest[wet], shot, camera)
+    return wet, colours, _borders(nearest.reshape(shot.size[::-1]), shot.spacing), nearest
+
+
+def add_haze(colours: np.ndarray, depth: np.ndarray, shot: Shot, camera: Camera) -> np.ndarray:
+    """Let colours (m, 3) at depths (m,) [m] fade into the background with the distance."""
     reach = float(np.linalg.norm(shot.upper - shot.lower))
-    far = np.clip((nearest[wet] - camera.distance) / reach + 0.5, 0.0, 1.0)[:, None]
-    colours += _HAZE * far * (np.array(BACKGROUND) - colours)
-    return wet, colours, _borders(nearest.reshape(shot.size[::-1]), shot.spacing)
+    far = np.clip((depth - camera.distance) / reach + 0.5, 0.0, 1.0)[:, None]
+    return colours + _HAZE * far * (np.array(BACKGROUND) - colours)
 
 
 def _borders(depth: np.ndarray, jump: float) -> np.ndarray:
@@ -261,7 +267,7 @@ def _shade(colours: np.ndarray, normal: np.ndarray, camera: Camera) -> np.ndarra
     Returns:
         The lit colours (m, 3).
     """
-    light = camera.axes @ _LIGHT
+    light = camera.axes @ LIGHT
     lit = 0.5 + 0.5 * (normal @ light)
     half = light + np.array([0.0, 0.0, 1.0])
     gleam = np.maximum(normal @ (half / np.linalg.norm(half)), 0.0) ** 30

@@ -23,9 +23,11 @@ class Constants:
     artificial_viscosity: float  # alpha h c_0, less viscosity_monaghan [m2/s]
     viscosity: float  # nu [m2/s]
     viscosity_monaghan: float  # 2 (dim + 2) nu [m2/s]
+    density_unit: float  # 1 over the sum of V W on a lattice at rest, where density is a sum
     thermal_diffusivity: float  # [m2/s]
     central_force: float  # pull to the origin over the distance [1/s2]
     wall_stiffness: float  # of a penalty wall [1/s2]
     wall_margin: float  # reach of a penalty wall [m]
     wall_damping: float  # share of its normal speed that a particle keeps when a clamping wall throws it back
+    force_unit: float  # what an acceleration of 1 m/s2 is in the fixed point of the sums of forces [s2/m]
     eta_squared: float  # keeps x.u / r^2 finite as r -> 0 [m2]

@@ -1,7 +1,6 @@
-"""One step in time: kick, drift, density, drift, force, kick.
+"""One step in time.
 
-The velocity-Verlet form of leapfrog with the density advanced at its middle, where positions and velocities are both
-known at the half step (second order; reversible but for the dissipative terms):
+By default kick, drift, density, drift, force, kick:
 
     u(n+1/2) = u(n) + dt/2 a(n)
     x(n+1/2) = x(n) + dt/2 u(n+1/2)             drift: and into the cells
@@ -10,7 +9,9 @@ known at the half step (second order; reversible but for the dissipative terms):
     a(n+1)   = F(x(n+1), u(n+1/2), s(n+1))      second sweep over pairs
     u(n+1)   = u(n+1/2) + dt/2 a(n+1)
 
-Each kernel gathers in registers and writes its own particle once.
+This is the velocity-Verlet form of leapfrog with the density advanced at its middle, where positions and velocities are
+both known at the half step (second order; reversible but for the dissipative terms). Other integrators are other shares
+of the same steps (integrators.py). Each kernel gathers in registers and writes its own particle once.
 """
 
 from functools import lru_cache
@@ -18,12 +19,15 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from fluidgym.sph.bodies import make_bodies
 from fluidgym.sph.constants import Constants
+from fluidgym.sph.inflow import FREE, GONE, IN_PIPE, WEIGHED, make_carriers, make_emit
 from fluidgym.sph.neighbors import Grid, make_cell_of
 from fluidgym.sph.pair_loop import make_pair_loop
-from fluidgym.sph.terms import DensityRate, DensitySum, Drag, Force
+from fluidgym.sph.structure import Structure
+from fluidgym.sph.sums import make_density_sum, make_force_sum, make_heat_sum
 from fluidgym.sph.walls import make_images
-from fluidgym.state import Faces
+from fluidgym.state import Bodies, Drains, Faces, Frozen, Nozzles
 
 # A particle whose neighbours weigh less than this, as sum V |W'/r| h^2, is spray and carries no pressure of its own.
 # One neighbour, or its own mirror image, weighs about 0.4 at dx and 0.05 at 2 dx; a full neighbourhood weighs 3.5.
@@ -31,40 +35,44 @@ SPRAY_COMPANY = 0.05
 
 
 @wp.kernel(module="fluidgym.integrate", enable_backward=False)
-def aim_faces(duration: float, target: wp.array2d[float], faces: Faces):
-    """Set the accelerations that bring the faces to their target velocities in a duration [s]."""
-    world, face = wp.tid()
-    faces.acceleration[world, face] = (target[world, face] - faces.velocity[world, face]) / duration
+def aim(duration: float, target: wp.array2d[float], velocity: wp.array2d[float], acceleration: wp.array2d[float]):
+    """Set the accelerations that bring what is driven to its target velocities in a duration [s]; (world, item)."""
+    world, item = wp.tid()
+    acceleration[world, item] = (target[world, item] - velocity[world, item]) / duration
 
 
 @wp.kernel(module="fluidgym.integrate", enable_backward=False)
-def advance_faces(
+def advance_driven(
     constants: wp.array[Constants],
     travel: wp.array2d[float],
-    middle: Faces,
-    end: Faces,
+    position_middle: wp.array2d[float],
+    velocity_middle: wp.array2d[float],
+    acceleration_middle: wp.array2d[float],
+    position: wp.array2d[float],
+    velocity: wp.array2d[float],
+    acceleration: wp.array2d[float],
 ):
-    """Move the faces by one step: to its middle and to its end. A face at the end of its travel stops."""
-    world, face = wp.tid()
+    """Move what is driven by one step: to its middle and to its end. At the end of its travel it stops."""
+    world, item = wp.tid()
     dt = constants[world].dt
-    u = end.velocity[world, face]
-    a = end.acceleration[world, face]
+    u = velocity[world, item]
+    a = acceleration[world, item]
     u_half = u + 0.5 * dt * a
-    x = end.position[world, face]
+    x = position[world, item]
     x_end = x + dt * u_half
-    low = travel[face, 0]
-    high = travel[face, 1]
+    low = travel[item, 0]
+    high = travel[item, 1]
     if x_end < low or x_end > high:
         x_end = wp.clamp(x_end, low, high)
         u_half = (x_end - x) / dt
         u = 0.0
         a = 0.0
-        end.acceleration[world, face] = 0.0
-    middle.position[world, face] = 0.5 * (x + x_end)
-    middle.velocity[world, face] = u_half
-    middle.acceleration[world, face] = a
-    end.position[world, face] = x_end
-    end.velocity[world, face] = u + dt * a
+        acceleration[world, item] = 0.0
+    position_middle[world, item] = 0.5 * (x + x_end)
+    velocity_middle[world, item] = u_half
+    acceleration_middle[world, item] = a
+    position[world, item] = x_end
+    velocity[world, item] = u + dt * a
 
 
 @wp.kernel(module="fluidgym.integrate", enable_backward=False)
@@ -75,12 +83,21 @@ def shift_acceleration(capacity: int, change: wp.array2d[float], acceleration: w
         acceleration[k, i] += change[i // capacity, k]
 
 
+@wp.kernel(module="fluidgym.integrate", enable_backward=False)
+def scale_density(capacity: int, factor: wp.array[float], density_error: wp.array[float]):
+    """Multiply the density errors of each world: with another speed of sound they stand for the same pressure."""
+    i = wp.tid()
+    density_error[i] *= factor[i // capacity]
+
+
 @lru_cache
-def make_drift(dim: int, kinds: tuple[str, ...], no_slip: tuple[bool, ...]) -> wp.Kernel:
-    """Kernel of the first half kick and drift, which also counts the particles of each cell."""
+def make_drift(s: Structure) -> wp.Kernel:
+    """Kernel of the opening kick and drift, which also counts the particles of each cell."""
+    dim, kinds, steps = s.dim, s.kinds, s.integrator
     vec = wp.types.vector(dim, wp.float32)
-    images = make_images(dim, kinds, no_slip)
+    images, solids, carriers = make_images(s), make_bodies(s), make_carriers(s)
     keep_inside, wrap, has_left = images.keep_inside, images.wrap, images.has_left
+    keep_out, carried = solids.keep_out, carriers.carried
     cell_of = make_cell_of(dim)
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -89,6 +106,10 @@ def make_drift(dim: int, kinds: tuple[str, ...], no_slip: tuple[bool, ...]) -> w
         constants: wp.array[Constants],
         grid: Grid,
         faces: Faces,
+        bodies_before: Bodies,
+        bodies: Bodies,
+        nozzles: Nozzles,
+        drains: Drains,
         acceleration: wp.array2d[float],
         position: wp.array2d[float],
         velocity: wp.array2d[float],
@@ -99,16 +120,32 @@ def make_drift(dim: int, kinds: tuple[str, ...], no_slip: tuple[bool, ...]) -> w
     ):
         i = wp.tid()
         world = i // capacity
-        dt = constants[world].dt
+        c = constants[world]
         cell = grid.stride - 1
         if identity[i] >= 0:
-            x = vec()
+            x_0 = vec()
+            u_0 = vec()
             u = vec()
+            x = vec()
             for k in range(wp.static(dim)):
-                u[k] = velocity[k, i] + 0.5 * dt * acceleration[k, i]
-                x[k] = position[k, i] + 0.5 * dt * u[k]
-            if wp.static("wall" in kinds):
-                kept = keep_inside(x, u, world, faces, clamped)
+                x_0[k] = position[k, i]
+                u_0[k] = velocity[k, i]
+                u[k] = u_0[k] + wp.static(steps.opening_kick) * c.dt * acceleration[k, i]
+            if wp.static(s.carried):
+                place = carried(x_0, world, nozzles, drains, c)
+                if place.how == IN_PIPE:
+                    u_0 = place.velocity
+                    u = place.velocity
+            if wp.static(steps.drift_first):
+                x = x_0 + (wp.static(steps.opening_drift) * c.dt) * u_0
+            else:
+                x = x_0 + (wp.static(steps.opening_drift) * c.dt) * u
+            if wp.static(len(s.balls) > 0):
+                out = keep_out(x_0, x, u, world, bodies_before, bodies, c, clamped)
+                x = out.position
+                u = out.velocity
+            if wp.static(s.has_walls):
+                kept = keep_inside(x, u, world, faces, c, clamped)
                 x = kept.position
                 u = kept.velocity
             if wp.static("periodic" in kinds):
@@ -117,8 +154,15 @@ def make_drift(dim: int, kinds: tuple[str, ...], no_slip: tuple[bool, ...]) -> w
                 position[k, i] = x[k]
                 velocity[k, i] = u[k]
             cell = cell_of(x, grid)
+            leaves = bool(False)
             if wp.static("open" in kinds):
-                if has_left(x, world, faces):
+                leaves = has_left(x, world, faces)
+            if wp.static(s.drains > 0):
+                end = carried(x, world, nozzles, drains, c)
+                if end.how == GONE:
+                    leaves = True
+            if wp.static(s.drains > 0 or "open" in kinds):
+                if leaves:
                     identity[i] = -1 - identity[i]
                     cell = grid.stride - 1
         key[i] = world * grid.stride + cell
@@ -128,22 +172,14 @@ def make_drift(dim: int, kinds: tuple[str, ...], no_slip: tuple[bool, ...]) -> w
 
 
 @lru_cache
-def make_advance_density(
-    dim: int,
-    kinds: tuple[str, ...],
-    no_slip: tuple[bool, ...],
-    terms: tuple[DensityRate, ...],
-    slope: wp.Function,
-    pressure: wp.Function,
-    tilted: bool,
-    plain: bool = False,
-) -> wp.Kernel:
-    """Kernel of the first sweep: density, pressure, and the second half drift."""
+def make_advance_density(s: Structure) -> wp.Kernel:
+    """Kernel of the first sweep: density, the field of the force terms, and the closing drift."""
+    dim, slope, steps, field_of = s.dim, s.slope, s.integrator, s.field
     vec = wp.types.vector(dim, wp.float32)
-    images = make_images(dim, kinds, no_slip)
-    near, count, query, keep_inside = images.near, images.count, images.query, images.keep_inside
-    pair_loop, emit_terms = make_pair_loop(dim, terms, slope, force=False, tilted=tilted, plain=plain)
-    has_images = any(kind != "open" for kind in kinds)
+    images, solids, carriers = make_images(s), make_bodies(s), make_carriers(s)
+    keep_inside, keep_out, carried = images.keep_inside, solids.keep_out, carriers.carried
+    density_sum, emit_terms = make_density_sum(s)
+    mean_loop, emit_mean = make_pair_loop(dim, (WEIGHED,), slope, False, False, plain=s.plain)
 
     @wp.kernel(module="unique", enable_backward=False)
     def advance_density(
@@ -154,6 +190,12 @@ def make_advance_density(
         bounds: wp.array[int],
         faces: Faces,
         faces_end: Faces,
+        bodies: Bodies,
+        bodies_end: Bodies,
+        nozzles: Nozzles,
+        drains: Drains,
+        frozen: Frozen,
+        frozen_grid: Grid,
         position: wp.array2d[float],
         velocity: wp.array2d[float],
         density_error: wp.array[float],
@@ -161,14 +203,16 @@ def make_advance_density(
         position_out: wp.array2d[float],
         density_error_out: wp.array[float],
         identity_out: wp.array[int],
-        reduced_pressure: wp.array[float],
+        field: wp.array[float],
         clamped: wp.array[int],
     ):
         i = wp.tid()
         world = i // capacity
         c = constants[world]
         if capacity < 0:
-            reduced_pressure[i] = emit_terms(c)
+            field[i] = emit_terms(c)
+            if wp.static(s.carried):
+                field[i] = emit_mean(c)
         identity_out[i] = identity[i]
         x = vec()
         u = vec()
@@ -177,58 +221,61 @@ def make_advance_density(
             x[k] = position[k, i]
             u[k] = velocity[k, i]
             g[k] = gravity[world, k]
-        s = density_error[i]
+        if wp.static(s.central):
+            g -= c.central_force * x
+        error = density_error[i]
+        how = FREE
+        if wp.static(s.carried):
+            if identity[i] >= 0:
+                place = carried(x, world, nozzles, drains, c)
+                how = place.how
+                if how != FREE:
+                    error = place.held
+                    if not wp.isfinite(error):
+                        mean = mean_loop(
+                            place.mirror, u, 0.0, 0.0, vec(), vec(1.0), world * grid.stride, c.support, position,
+                            velocity, density_error, bounds, grid, c,
+                        )  # fmt: skip
+                        error = mean[0] / wp.max(mean[1], wp.static(SPRAY_COMPANY) / (c.volume * c.h * c.h))
         if identity[i] >= 0:
-            sum = wp.vec2(0.0, 0.0)
-            first_cell = world * grid.stride
-            one = vec(1.0)
-            if wp.static(has_images):
-                found = near(x, world, faces, c.support)
-                for n in range(count(found)):
-                    q = query(n, found, x, u, g, world, faces, c)
-                    sum += pair_loop(
-                        q.position, q.velocity, s, q.offset, q.density_tilt, one,
-                        first_cell, c.support, position, velocity, density_error, bounds, grid, c,
-                    )  # fmt: skip
-            else:
-                tilt = c.inv_c_0_squared * g
-                sum += pair_loop(
-                    x, u, s, 0.0, tilt, one,
-                    first_cell, c.support, position, velocity, density_error, bounds, grid, c,
+            if how == FREE:
+                sum = density_sum(
+                    x, u, error, g, world, c.support, faces, bodies, frozen, frozen_grid, position, velocity,
+                    density_error, bounds, grid, c,
                 )  # fmt: skip
-            s += c.dt * c.volume * sum[0]
-            company = c.volume * c.h * c.h * (sum[1] + slope(0.0, c))  # the particle itself does not count
-            s *= wp.clamp(company / SPRAY_COMPANY, 0.0, 1.0)
-            x += 0.5 * c.dt * u
-            if wp.static("wall" in kinds):
-                kept = keep_inside(x, u, world, faces_end, clamped)
-                x = kept.position
+                if wp.static(s.summed):
+                    error = c.density_unit * c.volume * sum[0] - 1.0
+                else:
+                    error += c.dt * c.volume * sum[0]
+                    company = c.volume * c.h * c.h * (sum[1] + slope(0.0, c))  # the particle itself does not count
+                    error *= wp.clamp(company / SPRAY_COMPANY, 0.0, 1.0)
+            if wp.static(steps.closing_drift > 0.0):
+                x_0 = x
+                x += (wp.static(steps.closing_drift) * c.dt) * u
+                if wp.static(len(s.balls) > 0):
+                    out = keep_out(x_0, x, u, world, bodies, bodies_end, c, clamped)
+                    x = out.position
+                if wp.static(s.has_walls):
+                    kept = keep_inside(x, u, world, faces_end, c, clamped)
+                    x = kept.position
         for k in range(wp.static(dim)):
             position_out[k, i] = x[k]
-        density_error_out[i] = s
-        reduced_pressure[i] = pressure(s, c)
+        density_error_out[i] = error
+        field[i] = field_of(error, c)
 
     return advance_density
 
 
 @lru_cache
-def make_kick(
-    dim: int,
-    kinds: tuple[str, ...],
-    no_slip: tuple[bool, ...],
-    terms: tuple[Force | Drag, ...],
-    slope: wp.Function,
-    tilted: bool,
-    plain: bool = False,
-) -> wp.Kernel:
-    """Kernel of the second sweep: acceleration and the second half kick."""
+def make_kick(s: Structure) -> wp.Kernel:
+    """Kernel of the second sweep: acceleration and the closing kick."""
+    dim = s.dim
     vec = wp.types.vector(dim, wp.float32)
-    images = make_images(dim, kinds, no_slip)
-    near, count, query, cushion = images.near, images.count, images.query, images.cushion
-    pair_loop, emit_terms = make_pair_loop(
-        dim, terms, slope, force=True, tilted=tilted, signed=any(no_slip), plain=plain
-    )
-    has_images = any(kind != "open" for kind in kinds)
+    images, solids, carriers = make_images(s), make_bodies(s), make_carriers(s)
+    cushion, body_cushion, carried = images.cushion, solids.cushion, carriers.carried
+    closing_kick = s.integrator.closing_kick
+    has_cushion = "mirror" in s.kinds or s.wall == "penalty"
+    force_sum, emit_terms = make_force_sum(s)
 
     @wp.kernel(module="unique", enable_backward=False)
     def kick(
@@ -238,12 +285,18 @@ def make_kick(
         grid: Grid,
         bounds: wp.array[int],
         faces: Faces,
+        bodies: Bodies,
+        nozzles: Nozzles,
+        drains: Drains,
+        frozen: Frozen,
+        frozen_grid: Grid,
         position: wp.array2d[float],
         velocity: wp.array2d[float],
-        reduced_pressure: wp.array[float],
+        field: wp.array[float],
         identity: wp.array[int],
         velocity_out: wp.array2d[float],
         acceleration: wp.array2d[float],
+        forces: wp.array3d[wp.int64],
     ):
         i = wp.tid()
         world = i // capacity
@@ -257,52 +310,84 @@ def make_kick(
             x[k] = position[k, i]
             u[k] = velocity[k, i]
             g[k] = gravity[world, k]
+        if wp.static(s.central):
+            g -= c.central_force * x
         a = vec()
-        if identity[i] >= 0:
-            P = reduced_pressure[i]
-            first_cell = world * grid.stride
+        free = identity[i] >= 0
+        if wp.static(s.carried):
+            if free:
+                place = carried(x, world, nozzles, drains, c)
+                free = place.how == FREE
+        if free:
             reach = c.support + c.skin
-            a = g
-            if wp.static(has_images):
-                found = near(x, world, faces, c.support)
-                for n in range(count(found)):
-                    q = query(n, found, x, u, g, world, faces, c)
-                    f = pair_loop(
-                        q.position, q.viscous_velocity, P, q.offset, q.pressure_tilt, q.viscous_turn,
-                        first_cell, reach, position, velocity, reduced_pressure, bounds, grid, c,
-                    )  # fmt: skip
-                    a += c.volume * wp.cw_mul(q.turn, f)
-                if wp.static("wall" in kinds):
-                    a += cushion(x, world, faces, c)
-            else:
-                a += c.volume * pair_loop(
-                    x, u, P, 0.0, vec(), vec(1.0),
-                    first_cell, reach, position, velocity, reduced_pressure, bounds, grid, c,
-                )  # fmt: skip
+            a = g + force_sum(
+                x, u, field[i], g, world, reach, faces, bodies, frozen, frozen_grid, position, velocity, field,
+                bounds, grid, forces, c,
+            )  # fmt: skip
+            if wp.static(has_cushion):
+                a += cushion(x, world, faces, forces, c)
+            if wp.static(len(s.balls) > 0):
+                a += body_cushion(x, world, bodies, forces, c)
         for k in range(wp.static(dim)):
-            velocity_out[k, i] = u[k] + 0.5 * c.dt * a[k]
+            velocity_out[k, i] = u[k] + wp.static(closing_kick) * c.dt * a[k]
             acceleration[k, i] = a[k]
 
     return kick
 
 
-def make_step(
-    dim: int,
-    kinds: tuple[str, ...],
-    no_slip: tuple[bool, ...],
-    density_terms: tuple[DensityRate | DensitySum, ...],
-    force_terms: tuple[Force | Drag, ...],
-    slope: wp.Function,
-    pressure: wp.Function,
-    gravity: bool,
-    plain: bool = False,
-) -> SimpleNamespace:
-    """The kernels of one step of this structure: drift, advance_density, kick."""
-    has_walls = "wall" in kinds
+@lru_cache
+def make_conduct(s: Structure) -> wp.Kernel:
+    """Kernel that advances the temperature, with the positions at the end of the step."""
+    dim = s.dim
+    vec = wp.types.vector(dim, wp.float32)
+    heat_sum, emit_terms = make_heat_sum(s)
+    carried = make_carriers(s).carried
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def conduct(
+        capacity: int,
+        constants: wp.array[Constants],
+        grid: Grid,
+        bounds: wp.array[int],
+        faces: Faces,
+        bodies: Bodies,
+        nozzles: Nozzles,
+        drains: Drains,
+        position: wp.array2d[float],
+        velocity: wp.array2d[float],
+        temperature: wp.array[float],
+        identity: wp.array[int],
+        temperature_out: wp.array[float],
+    ):
+        i = wp.tid()
+        world = i // capacity
+        c = constants[world]
+        if capacity < 0:
+            temperature_out[i] = emit_terms(c)
+        T = temperature[i]
+        x = vec()
+        for k in range(wp.static(dim)):
+            x[k] = position[k, i]
+        free = identity[i] >= 0
+        if wp.static(s.carried):
+            if free:
+                place = carried(x, world, nozzles, drains, c)
+                free = place.how == FREE
+        if free:
+            reach = c.support + c.skin
+            rate = heat_sum(x, T, world, reach, faces, bodies, position, velocity, temperature, bounds, grid, c)
+            T += c.dt * c.volume * rate
+        temperature_out[i] = T
+
+    return conduct
+
+
+def make_step(s: Structure) -> SimpleNamespace:
+    """The kernels of one step of this structure; conduct and emit are None where there is nothing for them to do."""
     return SimpleNamespace(
-        drift=make_drift(dim, kinds, no_slip),
-        advance_density=make_advance_density(
-            dim, kinds, no_slip, density_terms, slope, pressure, gravity or has_walls, plain
-        ),
-        kick=make_kick(dim, kinds, no_slip, force_terms, slope, has_walls, plain),
+        drift=make_drift(s),
+        advance_density=make_advance_density(s),
+        kick=make_kick(s),
+        conduct=make_conduct(s) if s.heat else None,
+        emit=make_emit(s) if s.round_pipes else None,
     )

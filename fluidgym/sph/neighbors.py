@@ -97,7 +97,7 @@ def settle_order(stride: int, bounds: wp.array[int], order: wp.array[int]):
 
 
 @lru_cache
-def make_gather(dim: int) -> wp.Kernel:
+def make_gather(dim: int, heat: bool = False) -> wp.Kernel:
     """Kernel that copies the particles into their new order."""
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -107,10 +107,12 @@ def make_gather(dim: int) -> wp.Kernel:
         velocity: wp.array2d[float],
         density_error: wp.array[float],
         identity: wp.array[int],
+        temperature: wp.array[float],
         position_out: wp.array2d[float],
         velocity_out: wp.array2d[float],
         density_error_out: wp.array[float],
         identity_out: wp.array[int],
+        temperature_out: wp.array[float],
     ):
         i = wp.tid()
         j = order[i]
@@ -119,5 +121,7 @@ def make_gather(dim: int) -> wp.Kernel:
             velocity_out[k, i] = velocity[k, j]
         density_error_out[i] = density_error[j]
         identity_out[i] = identity[j]
+        if wp.static(heat):
+            temperature_out[i] = temperature[j]
 
     return gather

@@ -7,7 +7,8 @@ twin does the same sum; the tests hold one against the other.
 
 Both sweeps share the loop. A query is a place X [m], a velocity U [m/s] and a field value a; each neighbour j meets it
 with x = X - x_j, u = U - u_j and a_j + offset + tilt . x, the affine part being what a mirror image adds to the field.
-In a force that part may not take a pressure below zero: a ceiling does not hold drops.
+In a force that part may not take a pressure below zero: a ceiling does not hold drops. A screened loop leaves out the
+neighbours that a body hides.
 """
 
 from functools import lru_cache
@@ -74,11 +75,51 @@ const bool counts = j < end;
 """
 
 
+def _screen_lines(dim: int, balls: tuple[bool, ...]) -> tuple[list[str], list[str]]:
+    """Native lines that fetch the bodies, and lines that find whether one lies between X and X - x."""
+    axes = range(dim)
+    before = [
+        f"const float A{row}_{k} = X{k} - screens.data[{row}][{k}], H{row}_{k} = screens.data[{row}][{dim + k}];"
+        for row in range(len(balls))
+        for k in axes
+    ]
+    lines = ["bool hidden = false;", "const float x_x = 1e-20f + " + " + ".join(f"x{k} * x{k}" for k in axes) + ";"]
+    # The line is X - t x with t in 0 .. 1. A box is between where all its slabs overlap; a ball where it comes near.
+    lines += [f"const float n{k} = 1.0f / x{k};" for k in axes if not all(balls)]
+    for row, ball in enumerate(balls):
+        if ball:
+            along = " + ".join(f"A{row}_{k} * x{k}" for k in axes)
+            lines.append(f"const float t{row} = wp::min(wp::max(({along}) / x_x, 0.0f), 1.0f);")
+            gaps = [f"(A{row}_{k} - t{row} * x{k})" for k in axes]
+            lines.append(f"hidden |= {' + '.join(f'{gap} * {gap}' for gap in gaps)} < H{row}_0 * H{row}_0;")
+            continue
+        near, far = [], []
+        for k in axes:
+            lines.append(f"const float p{row}_{k} = (A{row}_{k} - H{row}_{k}) * n{k};")
+            lines.append(f"const float q{row}_{k} = (A{row}_{k} + H{row}_{k}) * n{k};")
+            near.append(f"wp::min(p{row}_{k}, q{row}_{k})")
+            far.append(f"wp::max(p{row}_{k}, q{row}_{k})")
+        first, last = near[0], far[0]
+        for k in axes[1:]:
+            first, last = f"wp::max({first}, {near[k]})", f"wp::min({last}, {far[k]})"
+        lines.append(f"const float i{row} = {first}, o{row} = {last};")
+        lines.append(f"hidden |= (i{row} < o{row}) & (o{row} > 0.0f) & (i{row} < 1.0f);")
+    return before, lines
+
+
 def _snippet(
-    dim: int, term: wp.Function, drag: wp.Function | None, slope: wp.Function, force: bool, tilted: bool, signed: bool
+    dim: int,
+    term: wp.Function,
+    drag: wp.Function | None,
+    slope: wp.Function,
+    force: bool,
+    tilted: bool,
+    signed: bool,
+    screen: tuple[bool, ...],
 ) -> str:
     """The native lines of one pair loop."""
     axes = range(dim)
+    fetch, look = _screen_lines(dim, screen) if screen else ([], [])
     lines = [_LANES]
     for k in axes:
         lines += [
@@ -87,11 +128,13 @@ def _snippet(
             f"const float X{k} = X[{k}], U{k} = U[{k}], T{k} = tilt[{k}], S{k} = sign[{k}];",
         ]
     lines.append("const float* __restrict__ pa = field.data;")
+    lines += fetch
     names = [f"sum{k}" for k in (axes if force else range(2))]
     lines += [f"float {name}[lanes] = {{}};" for name in names]
     lines.append(_ROWS_3D if dim == 3 else "const int cz = 0; const float gap_z = 0.0f;")
     lines.append(_ROWS)
     lines += [f"const float x{k} = X{k} - px{k}[j], u{k} = U{k} - pu{k}[j];" for k in axes]
+    lines += look
     products = [f"S{k} * x{k} * u{k}" if signed else f"x{k} * u{k}" for k in axes]
     affine = "".join(["pa[j] + offset", *(f" + T{k} * x{k}" for k in axes)])
     field = "pa[j]" if not tilted else f"wp::max({affine}, wp::min(pa[j], 0.0f))" if force else affine
@@ -107,7 +150,8 @@ def _snippet(
     if drag is not None:
         lines.append(f"const float d = {drag.native_func}(r, xu, w, a, a_j, c);")
         values = [f"{value} + d * {f'S{k} * ' * signed}u{k}" for k, value in enumerate(values)]
-    lines += [f"{name}[lane] += counts ? {value} : 0.0f;" for name, value in zip(names, values, strict=True)]
+    chosen = "(counts & !hidden)" if screen else "counts"
+    lines += [f"{name}[lane] += {chosen} ? {value} : 0.0f;" for name, value in zip(names, values, strict=True)]
     lines.append("}" * dim)
     lines += [f"for (int lane = 1; lane < lanes; ++lane) {name}[0] += {name}[lane];" for name in names]
     lines.append("return {" + ", ".join(f"{name}[0]" for name in names) + "};")
@@ -123,6 +167,7 @@ def make_pair_loop(
     tilted: bool = True,
     signed: bool = False,
     plain: bool = False,
+    screen: tuple[bool, ...] = (),
 ) -> tuple[wp.Function, wp.Function]:
     """The sum of terms over the neighbours of a place.
 
@@ -134,9 +179,11 @@ def make_pair_loop(
         tilted: Whether the affine part of the field is compiled in.
         signed: Whether each u_k is multiplied by sign[k] (no-slip images).
         plain: True makes the twin in plain Warp, the reference for tests.
+        screen: For each body that may hide neighbours whether it is a ball; the others are boxes.
 
     Returns:
         The loop (X, U, a, offset, tilt, sign, first_cell, reach, position, velocity, field, bounds, grid, c) -> sum,
+        with a further argument where there are bodies, the matrix of their middles and half sides (body, 2 dim),
         and a function (c) -> float that a kernel must name in a branch never taken, so that Warp writes the terms
         ahead of the native lines that call them.
     """
@@ -154,9 +201,34 @@ def make_pair_loop(
         return value
 
     if plain:
-        return _plain_loop(dim, term, drag, slope, force, tilted, signed), emit_terms
+        return _plain_loop(dim, term, drag, slope, force, tilted, signed, screen), emit_terms
 
-    @wp.func_native(_snippet(dim, term, drag, slope, force, tilted, signed))
+    snippet = _snippet(dim, term, drag, slope, force, tilted, signed, screen)
+    if screen:
+        Screens = wp.types.matrix((len(screen), 2 * dim), wp.float32)
+
+        @wp.func_native(snippet)
+        def screened_loop(
+            X: vec,
+            U: vec,
+            a: float,
+            offset: float,
+            tilt: vec,
+            sign: vec,
+            first_cell: int,
+            reach: float,
+            position: wp.array2d[float],
+            velocity: wp.array2d[float],
+            field: wp.array[float],
+            bounds: wp.array[int],
+            grid: Grid,
+            c: Constants,
+            screens: Screens,
+        ) -> result: ...
+
+        return screened_loop, emit_terms
+
+    @wp.func_native(snippet)
     def pair_loop(
         X: vec,
         U: vec,
@@ -178,14 +250,48 @@ def make_pair_loop(
 
 
 def _plain_loop(
-    dim: int, term: wp.Function, drag: wp.Function | None, slope: wp.Function, force: bool, tilted: bool, signed: bool
+    dim: int,
+    term: wp.Function,
+    drag: wp.Function | None,
+    slope: wp.Function,
+    force: bool,
+    tilted: bool,
+    signed: bool,
+    screen: tuple[bool, ...],
 ) -> wp.Function:
     """The pair loop in plain Warp: every particle of every cell within reach, no rows cut."""
     vec = wp.types.vector(dim, wp.float32)
     result = vec if force else wp.vec2
+    Screens = wp.types.matrix((max(len(screen), 1), 2 * dim), wp.float32)
+    balls = wp.int32(sum(bool(ball) << row for row, ball in enumerate(screen)))
 
     @wp.func
-    def pair_loop(
+    def hides(X: vec, x: vec, screens: Screens) -> bool:
+        """Whether a body comes between X and X - x."""
+        hidden = bool(False)
+        for row in range(wp.static(len(screen))):
+            if (balls >> row) & 1 != 0:
+                A = vec()
+                for k in range(wp.static(dim)):
+                    A[k] = X[k] - screens[row, k]
+                t = wp.clamp(wp.dot(A, x) / (wp.dot(x, x) + 1.0e-20), 0.0, 1.0)
+                if wp.length(A - t * x) < screens[row, wp.static(dim)]:
+                    hidden = True
+            else:
+                t_in = float(-1.0e30)
+                t_out = float(1.0e30)
+                for k in range(wp.static(dim)):
+                    A_k = X[k] - screens[row, k]
+                    t_1 = (A_k - screens[row, wp.static(dim) + k]) / x[k]
+                    t_2 = (A_k + screens[row, wp.static(dim) + k]) / x[k]
+                    t_in = wp.max(t_in, wp.min(t_1, t_2))
+                    t_out = wp.min(t_out, wp.max(t_1, t_2))
+                if t_in < t_out and t_out > 0.0 and t_in < 1.0:
+                    hidden = True
+        return hidden
+
+    @wp.func
+    def sum_over_pairs(
         X: vec,
         U: vec,
         a: float,
@@ -200,6 +306,7 @@ def _plain_loop(
         bounds: wp.array[int],
         grid: Grid,
         c: Constants,
+        screens: Screens,
     ) -> result:
         low = wp.vec3i(0, 0, 0)
         high = wp.vec3i(0, 0, 0)
@@ -219,6 +326,7 @@ def _plain_loop(
                         lowest = wp.min(a_j, 0.0)
                         if wp.static(tilted):
                             a_j += offset
+                        seen = bool(True)
                         for k in range(wp.static(dim)):
                             x[k] = X[k] - position[k, j]
                             u[k] = U[k] - velocity[k, j]
@@ -229,15 +337,42 @@ def _plain_loop(
                                 a_j += tilt[k] * x[k]
                         if wp.static(force and tilted):
                             a_j = wp.max(a_j, lowest)
+                        if wp.static(len(screen) > 0):
+                            seen = not hides(X, x, screens)
                         r = wp.length(x)
                         w = slope(r, c)
                         f = term(r, xu, w, a, a_j, c)
-                        if wp.static(force):
-                            sum += f * x
-                            if wp.static(drag is not None):
-                                sum += drag(r, xu, w, a, a_j, c) * u
-                        else:
-                            sum += wp.vec2(f, -w)
+                        if seen:
+                            if wp.static(force):
+                                sum += f * x
+                                if wp.static(drag is not None):
+                                    sum += drag(r, xu, w, a, a_j, c) * u
+                            else:
+                                sum += wp.vec2(f, -w)
         return sum
+
+    if screen:
+        return sum_over_pairs
+
+    @wp.func
+    def pair_loop(
+        X: vec,
+        U: vec,
+        a: float,
+        offset: float,
+        tilt: vec,
+        sign: vec,
+        first_cell: int,
+        reach: float,
+        position: wp.array2d[float],
+        velocity: wp.array2d[float],
+        field: wp.array[float],
+        bounds: wp.array[int],
+        grid: Grid,
+        c: Constants,
+    ) -> result:
+        return sum_over_pairs(
+            X, U, a, offset, tilt, sign, first_cell, reach, position, velocity, field, bounds, grid, c, Screens()
+        )
 
     return pair_loop

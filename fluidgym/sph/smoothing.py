@@ -155,14 +155,16 @@ def spiky_slope(q: float) -> float:
 def viscosity_2d(q: float) -> float:
     """q^2/4 - q^3/9 - ln(q)/6 - 5/36: what has the Laplacian 1 - q and ends smoothly at q = 1; cut at a thousandth."""
     p = wp.clamp(q, 1.0e-3, 1.0)
-    return (0.25 - p / 9.0) * p * p - wp.log(p) / 6.0 - 5.0 / 36.0
+    t = 1.0 - p
+    # The polynomial about q = 1, so that the end is exact: the constant is written out of it.
+    return -wp.log(p) / 6.0 - t / 6.0 - t * t / 12.0 + t * t * t / 9.0
 
 
 @wp.func
 def viscosity_2d_slope(q: float) -> float:
-    """1/2 - q/3 - 1/(6 q^2)."""
+    """1/2 - q/3 - 1/(6 q^2), factored."""
     p = wp.clamp(q, 1.0e-3, 1.0)
-    return 0.5 - p / 3.0 - 1.0 / (6.0 * p * p)
+    return -(1.0 - p) * (1.0 - p) * (1.0 + 2.0 * p) / (6.0 * p * p)
 
 
 @wp.func
@@ -173,16 +175,17 @@ def viscosity_2d_laplacian(q: float) -> float:
 
 @wp.func
 def viscosity_3d(q: float) -> float:
-    """-q^3/2 + q^2 + 1/(2 q) - 1 (Mueller et al. 2003, eq. 22); cut at a thousandth."""
+    """-q^3/2 + q^2 + 1/(2 q) - 1 (Mueller et al. 2003, eq. 22); factored; cut at a thousandth."""
     p = wp.clamp(q, 1.0e-3, 1.0)
-    return (1.0 - 0.5 * p) * p * p + 0.5 / p - 1.0
+    t = 1.0 - p
+    return t * t * t * (1.0 + p) / (2.0 * p)
 
 
 @wp.func
 def viscosity_3d_slope(q: float) -> float:
-    """2 - 3 q/2 - 1/(2 q^3)."""
+    """2 - 3 q/2 - 1/(2 q^3), factored."""
     p = wp.clamp(q, 1.0e-3, 1.0)
-    return 2.0 - 1.5 * p - 0.5 / (p * p * p)
+    return -(1.0 - p) * (1.0 - p) * ((3.0 * p + 2.0) * p + 1.0) / (2.0 * p * p * p)
 
 
 @wp.func

@@ -42,6 +42,12 @@ def tait_pressure(s: float, c: Constants) -> float:
     return (wp.pow(1.0 + s, c.gamma) - 1.0) / c.gamma
 
 
+@wp.func
+def itself(s: float, c: Constants) -> float:
+    """The relative density error, for forces that read it."""
+    return s
+
+
 LINEAR = StateEquation("linear", linear_pressure, lambda s, gamma: s, lambda p, gamma: p)
 TAIT = StateEquation(
     "Tait",

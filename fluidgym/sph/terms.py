@@ -80,6 +80,7 @@ def bound(term: _Term, dim: int) -> wp.Function:
     return weighted_term
 
 
+@lru_cache
 def total(functions: tuple[wp.Function, ...]) -> wp.Function:
     """One function that adds up several of the same signature."""
     if not functions:

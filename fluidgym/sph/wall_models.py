@@ -23,11 +23,11 @@ class PenaltyWalls:
     """
 
     stiffness: float = 0.5
-    margin: float = 1.0
+    margin: float = 0.5
 
     def __post_init__(self) -> None:
         check_range("PenaltyWalls.stiffness", self.stiffness, 1e-3, 2.0, "0.5")
-        check_range("PenaltyWalls.margin", self.margin, 0.1, 4.0, "1.0")
+        check_range("PenaltyWalls.margin", self.margin, 0.1, 4.0, "0.5")
 
 
 @dataclass(frozen=True)

@@ -18,28 +18,30 @@ from types import SimpleNamespace
 import warp as wp
 
 from fluidgym.sph.constants import Constants
+from fluidgym.sph.structure import Structure
 from fluidgym.state import Faces
 
 
 @lru_cache
-def make_images(dim: int, kinds: tuple[str, ...], no_slip: tuple[bool, ...]) -> SimpleNamespace:
-    """Warp functions that make the images of a particle.
-
-    Args:
-        dim: Number of dimensions.
-        kinds: "wall", "open" or "periodic" for each face, (2 * dim,).
-        no_slip: Whether viscosity holds the fluid at each face, (2 * dim,).
+def make_images(s: Structure) -> SimpleNamespace:
+    """Warp functions about the faces of a structure, which make the images of a particle.
 
     Returns:
-        A namespace of Query (a struct), near (which faces are in reach), count (how many queries that makes),
-        query (the n-th of them), cushion and keep_inside (the safety net at walls), wrap (periodic faces) and
-        has_left (open ones).
+        A namespace of Query (a struct), near (which faces are in reach), near_bare (whether one that shows no image
+        is), count (how many queries that makes), query (the n-th of them), cushion (what else pushes off a wall),
+        keep_inside (the safety net at walls), wrap (periodic faces) and has_left (open ones).
     """
+    dim, kinds, no_slip, wall = s.dim, s.kinds, s.no_slip, s.wall
+    warm = s.warm_faces
     vec = wp.types.vector(dim, wp.float32)
     flags = wp.types.vector(dim, wp.int32)
     # Bits, one a face: the compiler drops what a constant bit switches off.
-    imaged = wp.int32(sum((kind != "open") << face for face, kind in enumerate(kinds)))
-    walls = wp.int32(sum((kind == "wall") << face for face, kind in enumerate(kinds)))
+    imaged = wp.int32(sum((kind in ("mirror", "periodic")) << face for face, kind in enumerate(kinds)))
+    mirrors = wp.int32(sum((kind == "mirror") << face for face, kind in enumerate(kinds)))
+    bare = wp.int32(sum((kind == "bare") << face for face, kind in enumerate(kinds)))
+    walls = wp.int32(sum((kind in ("mirror", "bare")) << face for face, kind in enumerate(kinds)))
+    exits = wp.int32(sum((kind == "open") << face for face, kind in enumerate(kinds)))
+    held = wp.int32(sum(bool(own) << face for face, own in enumerate(warm)))
     sticky = wp.int32(sum(bool(stick) << face for face, stick in enumerate(no_slip)))
 
     @wp.struct
@@ -54,6 +56,10 @@ def make_images(dim: int, kinds: tuple[str, ...], no_slip: tuple[bool, ...]) -> 
         offset: float  # of the relative density error, and of P
         density_tilt: vec  # [1/m]
         pressure_tilt: vec  # [1/m]
+        plane: vec  # where the walls are that reflect, [m]
+        face: flags  # which faces reflect: 1 + number of the face of each axis, 0 where none does
+        flip: float  # temperature of an image: flip T_j + shift
+        shift: float
 
     @wp.func
     def near(x: vec, world: int, faces: Faces, reach: float) -> flags:
@@ -84,6 +90,7 @@ def make_images(dim: int, kinds: tuple[str, ...], no_slip: tuple[bool, ...]) -> 
         q.velocity = u
         q.viscous_velocity = u
         q.viscous_turn = vec(1.0)
+        q.flip = 1.0
         rest = int(n)
         for k in range(wp.static(dim)):
             q.turn[k] = 1.0
@@ -96,7 +103,7 @@ def make_images(dim: int, kinds: tuple[str, ...], no_slip: tuple[bool, ...]) -> 
                     face = 2 * k
                     if choice == 2 or found[k] == 2:
                         face = 2 * k + 1
-                    if (walls >> face) & 1 != 0:
+                    if (mirrors >> face) & 1 != 0:
                         w = faces.position[world, face]
                         pull = (g[k] - faces.acceleration[world, face]) * c.inv_c_0_squared
                         q.position[k] = 2.0 * w - x[k]
@@ -115,27 +122,72 @@ def make_images(dim: int, kinds: tuple[str, ...], no_slip: tuple[bool, ...]) -> 
                         q.offset += 2.0 * pull * (w - q.position[k])
                         q.density_tilt[k] = 2.0 * pull - g[k] * c.inv_c_0_squared
                         q.pressure_tilt[k] = 2.0 * pull
+                        q.plane[k] = w
+                        q.face[k] = 1 + face
+                        if (held >> face) & 1 != 0:
+                            q.shift = 2.0 * faces.temperature[face] - q.shift
+                            q.flip = -q.flip
                     else:
                         other = 4 * k + 1 - face
                         q.position[k] = x[k] + faces.position[world, other] - faces.position[world, face]
         return q
 
     @wp.func
-    def cushion(x: vec, world: int, faces: Faces, c: Constants) -> vec:
-        """Push off a particle that is about to merge with its own image, where the kernel no longer does [m/s2].
+    def cushion(x: vec, world: int, faces: Faces, forces: wp.array3d[wp.int64], c: Constants) -> vec:
+        """What pushes a particle off walls besides their images [m/s2].
 
-        W' vanishes with r, so a particle pressed on a wall would come to lie on it; a spring of the stiffness of
-        the fluid, c_0/h, holds it a twentieth of the spacing away.
+        At a mirror: where a particle is about to merge with its own image, as W' vanishes with r. A spring of the
+        stiffness of the fluid, c_0/h, holds it a twentieth of the spacing away. At a penalty wall: its spring.
         """
         push = vec()
         depth = 0.05 * c.spacing
         stiffness = 0.5 * c.c_0 * c.c_0 / (c.h * c.h)
+        if wp.static(wall == "penalty"):
+            depth = c.wall_margin
+            stiffness = c.wall_stiffness
+        springs = mirrors
+        if wp.static(wall == "penalty"):
+            springs = bare
         for k in range(wp.static(dim)):
-            if (walls >> (2 * k)) & 1 != 0:
+            if (springs >> (2 * k)) & 1 != 0:
                 push[k] += stiffness * wp.max(depth - x[k] + faces.position[world, 2 * k], 0.0)
-            if (walls >> (2 * k + 1)) & 1 != 0:
+            if (springs >> (2 * k + 1)) & 1 != 0:
                 push[k] -= stiffness * wp.max(depth + x[k] - faces.position[world, 2 * k + 1], 0.0)
+            if wp.static(s.forces):
+                if push[k] != 0.0:
+                    face = 2 * k + wp.where(push[k] < 0.0, 1, 0)
+                    wp.atomic_add(forces, world, face, k, wp.int64(wp.round(push[k] * c.force_unit)))
         return push
+
+    @wp.func
+    def record(value: vec, face: flags, world: int, forces: wp.array3d[wp.int64], c: Constants):
+        """Add what the fluid behind walls does to a particle [m/s2] to the sum of each wall, in fixed point.
+
+        A component belongs to the wall that reflects it, and the others are shared by the walls that reflect at all.
+        """
+        reflecting = float(0.0)
+        for k in range(wp.static(dim)):
+            reflecting += wp.where(face[k] > 0, 1.0, 0.0)
+        for k in range(wp.static(dim)):
+            if face[k] > 0:
+                for m in range(wp.static(dim)):
+                    part = value[m]
+                    if m != k:
+                        part = wp.where(face[m] > 0, 0.0, part / reflecting)
+                    wp.atomic_add(forces, world, face[k] - 1, m, wp.int64(wp.round(part * c.force_unit)))
+
+    @wp.func
+    def near_bare(x: vec, world: int, faces: Faces, reach: float) -> bool:
+        """Whether a wall that shows no image is within reach."""
+        found = bool(False)
+        for k in range(wp.static(dim)):
+            if (bare >> (2 * k)) & 1 != 0:
+                if x[k] - faces.position[world, 2 * k] < reach:
+                    found = True
+            if (bare >> (2 * k + 1)) & 1 != 0:
+                if faces.position[world, 2 * k + 1] - x[k] < reach:
+                    found = True
+        return found
 
     @wp.struct
     class Motion:
@@ -145,8 +197,11 @@ def make_images(dim: int, kinds: tuple[str, ...], no_slip: tuple[bool, ...]) -> 
         velocity: vec
 
     @wp.func
-    def keep_inside(x: vec, u: vec, world: int, faces: Faces, clamped: wp.array[int]) -> Motion:
-        """Put a particle that has crossed a wall back on it, moving no further out, and count that."""
+    def keep_inside(x: vec, u: vec, world: int, faces: Faces, c: Constants, clamped: wp.array[int]) -> Motion:
+        """Put a particle that has crossed a wall back on it, moving no further out, and count that.
+
+        A clamping wall does that for a living: it throws the particle back, and does not count.
+        """
         kept = Motion()
         kept.position = x
         kept.velocity = u
@@ -159,8 +214,13 @@ def make_images(dim: int, kinds: tuple[str, ...], no_slip: tuple[bool, ...]) -> 
                         kept.position[k] = faces.position[world, face]
                         excess = u[k] - faces.velocity[world, face]
                         if outward * excess > 0.0:
-                            kept.velocity[k] = faces.velocity[world, face]
-                        wp.atomic_add(clamped, world, 1)
+                            if wp.static(wall == "clamp"):
+                                excess *= -c.wall_damping
+                            else:
+                                excess = 0.0
+                            kept.velocity[k] = faces.velocity[world, face] + excess
+                        if wp.static(wall != "clamp"):
+                            wp.atomic_add(clamped, world, 1)
         return kept
 
     @wp.func
@@ -168,7 +228,7 @@ def make_images(dim: int, kinds: tuple[str, ...], no_slip: tuple[bool, ...]) -> 
         """Bring a particle that has left through a periodic face back in at the other side."""
         y = x
         for k in range(wp.static(dim)):
-            if ((imaged & ~walls) >> (2 * k)) & 1 != 0:
+            if ((imaged & ~mirrors) >> (2 * k)) & 1 != 0:
                 low = faces.position[world, 2 * k]
                 high = faces.position[world, 2 * k + 1]
                 if x[k] < low:
@@ -182,10 +242,10 @@ def make_images(dim: int, kinds: tuple[str, ...], no_slip: tuple[bool, ...]) -> 
         """Whether a particle is beyond an open face."""
         left = bool(False)
         for k in range(wp.static(dim)):
-            if (imaged >> (2 * k)) & 1 == 0:
+            if (exits >> (2 * k)) & 1 != 0:
                 if x[k] < faces.position[world, 2 * k]:
                     left = True
-            if (imaged >> (2 * k + 1)) & 1 == 0:
+            if (exits >> (2 * k + 1)) & 1 != 0:
                 if x[k] > faces.position[world, 2 * k + 1]:
                     left = True
         return left
@@ -193,9 +253,11 @@ def make_images(dim: int, kinds: tuple[str, ...], no_slip: tuple[bool, ...]) -> 
     return SimpleNamespace(
         Query=Query,
         near=near,
+        near_bare=near_bare,
         count=count,
         query=query,
         cushion=cushion,
+        record=record,
         keep_inside=keep_inside,
         wrap=wrap,
         has_left=has_left,

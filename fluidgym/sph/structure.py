@@ -1,0 +1,83 @@
+"""What is compiled in: the shape of a scene and a scheme, without their numbers."""
+
+from dataclasses import dataclass
+
+import warp as wp
+
+from fluidgym.sph.integrators import KICK_DRIFT_KICK, Integrator
+from fluidgym.sph.terms import DensityRate, DensitySum, Drag, Force
+
+
+@dataclass(frozen=True)
+class Structure:
+    """What a kernel is made for. Two scenes of one structure share their kernels; what is absent leaves no code behind.
+
+    Attributes:
+        dim: Number of dimensions.
+        kinds: Of each face: "mirror" shows the fluid its image, "bare" only keeps it in, "open", or "periodic",
+            (2 * dim,).
+        no_slip: Whether viscosity holds the fluid at each face, (2 * dim,).
+        warm_faces: Whether each face has a temperature of its own, (2 * dim,).
+        density_terms: What makes the density.
+        force_terms: What makes the acceleration.
+        slope: Warp function (r, Constants) -> W'(r)/r.
+        field: Warp function (s, Constants) -> what the force terms read.
+        integrator: How the step is put together.
+        gravity: Whether there is gravity, or could be: it tilts the fields that images and diffusion see.
+        central: Whether the origin pulls.
+        wall: What a bare face does: "penalty", "clamp" or "frozen".
+        balls: Whether each body is a ball; the others are boxes, (body,).
+        no_slip_bodies: Whether viscosity holds the fluid at each body, (body,).
+        warm_bodies: Whether each body has a temperature of its own, (body,).
+        round_pipes: Whether each nozzle's pipe is round, (inflow,).
+        drains: Number of outflows.
+        heat: Whether heat is conducted.
+        forces: Whether forces on faces and bodies are added up.
+        plain: Whether the pair loop is its twin in plain Warp.
+    """
+
+    dim: int
+    kinds: tuple[str, ...]
+    no_slip: tuple[bool, ...]
+    density_terms: tuple[DensityRate | DensitySum, ...]
+    force_terms: tuple[Force | Drag, ...]
+    slope: wp.Function
+    field: wp.Function
+    warm_faces: tuple[bool, ...] = ()
+    integrator: Integrator = KICK_DRIFT_KICK
+    gravity: bool = True
+    central: bool = False
+    wall: str = "mirror"
+    balls: tuple[bool, ...] = ()
+    no_slip_bodies: tuple[bool, ...] = ()
+    warm_bodies: tuple[bool, ...] = ()
+    round_pipes: tuple[bool, ...] = ()
+    drains: int = 0
+    heat: bool = False
+    forces: bool = False
+    plain: bool = False
+
+    @property
+    def has_images(self) -> bool:
+        """Whether a particle may have images."""
+        return "mirror" in self.kinds or "periodic" in self.kinds
+
+    @property
+    def has_walls(self) -> bool:
+        """Whether there are walls of any kind."""
+        return "mirror" in self.kinds or "bare" in self.kinds
+
+    @property
+    def frozen(self) -> bool:
+        """Whether there are frozen wall particles."""
+        return self.wall == "frozen" and "bare" in self.kinds
+
+    @property
+    def summed(self) -> bool:
+        """Whether density is a sum, not advanced."""
+        return any(isinstance(term, DensitySum) for term in self.density_terms)
+
+    @property
+    def carried(self) -> bool:
+        """Whether there are places where particles are carried, not pushed: pipes and outflows."""
+        return bool(self.round_pipes) or self.drains > 0

@@ -1,0 +1,311 @@
+"""The whole sum over what surrounds a particle: neighbours, images, shadows of bodies, frozen walls.
+
+Three of them, one a sweep: density, force, and heat where there is any. What a structure lacks leaves no code.
+"""
+
+from functools import lru_cache
+
+import warp as wp
+
+from fluidgym.sph.bodies import NODE_SHARES, NODES, STEEPEST, make_bodies
+from fluidgym.sph.constants import Constants
+from fluidgym.sph.heat import CONDUCTION
+from fluidgym.sph.neighbors import Grid
+from fluidgym.sph.pair_loop import make_pair_loop
+from fluidgym.sph.structure import Structure
+from fluidgym.sph.terms import Drag, bound, no_term, total
+from fluidgym.sph.walls import make_images
+from fluidgym.state import Bodies, Faces, Frozen
+
+
+def _screen(s: Structure) -> tuple[bool, ...]:
+    """Which rows of the screens are balls."""
+    return s.balls * (2 if s.has_images else 1)
+
+
+@wp.func
+def point_volume(hit: float, m: int, share: float, dim: int, c: Constants) -> wp.vec2:
+    """Distance [m] of the m-th dummy point of a ray that is in shadow from `hit` on, and its share of a volume."""
+    depth = c.support - hit
+    r = hit + depth * NODES[m]
+    area = r
+    if dim == 3:
+        area = r * r
+    return wp.vec2(r, share * NODE_SHARES[m] * depth * area / c.volume)
+
+
+@lru_cache
+def make_density_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
+    """The first sweep's sum: (of the density terms, of -W'/r), over V; and the function that emits the terms."""
+    dim, tilted = s.dim, s.gravity or s.has_walls
+    vec = wp.types.vector(dim, wp.float32)
+    flags = wp.types.vector(dim, wp.int32)
+    images, solids, slope = make_images(s), make_bodies(s), s.slope
+    near, count, query, near_bare = images.near, images.count, images.query, images.near_bare
+    near_body, cast, screens = solids.near, solids.cast, solids.screens
+    loop, emit_terms = make_pair_loop(dim, s.density_terms, slope, False, tilted, plain=s.plain)
+    screened, _ = make_pair_loop(dim, s.density_terms, slope, False, tilted, plain=s.plain, screen=_screen(s))
+    term = total(tuple(bound(term, dim) for term in s.density_terms))
+
+    @wp.func
+    def shadow(
+        x: vec, u: vec, a: float, found: flags, world: int, faces: Faces, bodies: Bodies, c: Constants
+    ) -> wp.vec2:
+        """The sum over the dummy points behind bodies."""
+        sum = wp.vec2(0.0, 0.0)
+        for ray in range(bodies.ray.shape[0]):
+            e = vec()
+            for k in range(wp.static(dim)):
+                e[k] = bodies.ray[ray, k]
+            hit = cast(x, e, found, world, bodies, faces)
+            if hit.distance < c.support:
+                closing = wp.dot(u - hit.velocity, hit.normal) * wp.dot(hit.normal, e)
+                for m in range(4):
+                    point = point_volume(hit.distance, m, bodies.ray_share[ray], wp.static(dim), c)
+                    r = point[0]
+                    grown = wp.min(r / wp.max(hit.distance, 1.0e-12), STEEPEST)
+                    w = slope(r, c)
+                    sum += point[1] * wp.vec2(term(r, -r * grown * closing, w, a, a, c), -w)
+        return sum
+
+    @wp.func
+    def density_sum(
+        x: vec, u: vec, a: float, g: vec, world: int, reach: float, faces: Faces, bodies: Bodies, frozen: Frozen,
+        frozen_grid: Grid, position: wp.array2d[float], velocity: wp.array2d[float], field: wp.array[float],
+        bounds: wp.array[int], grid: Grid, c: Constants,
+    ) -> wp.vec2:  # fmt: skip
+        sum = wp.vec2(0.0, 0.0)
+        one = vec(1.0)
+        tilt = c.inv_c_0_squared * g
+        first_cell = world * grid.stride
+        found = flags()
+        shaded = bool(False)
+        if wp.static(len(s.balls) > 0):
+            shaded = near_body(x, world, bodies, c.support)
+        if wp.static(s.has_images):
+            found = near(x, world, faces, c.support)
+            for n in range(count(found)):
+                q = query(n, found, x, u, g, world, faces, c)
+                if wp.static(len(s.balls) > 0):
+                    if shaded:
+                        sum += screened(
+                            q.position, q.velocity, a, q.offset, q.density_tilt, one, first_cell, reach, position,
+                            velocity, field, bounds, grid, c, screens(world, bodies, q.turn, q.plane),
+                        )  # fmt: skip
+                if not shaded:
+                    sum += loop(
+                        q.position, q.velocity, a, q.offset, q.density_tilt, one, first_cell, reach, position,
+                        velocity, field, bounds, grid, c,
+                    )  # fmt: skip
+        else:
+            if wp.static(len(s.balls) > 0):
+                if shaded:
+                    sum += screened(
+                        x, u, a, 0.0, tilt, one, first_cell, reach, position, velocity, field, bounds, grid, c,
+                        screens(world, bodies, one, x),
+                    )  # fmt: skip
+            if not shaded:
+                sum += loop(x, u, a, 0.0, tilt, one, first_cell, reach, position, velocity, field, bounds, grid, c)
+        if wp.static(len(s.balls) > 0):
+            if shaded:
+                sum += shadow(x, u, a, found, world, faces, bodies, c)
+        if wp.static(s.frozen):
+            if near_bare(x, world, faces, c.support):
+                sum += loop(
+                    x, u, a, 0.0, vec(), one, 0, reach, frozen.position, frozen.velocity, frozen.field,
+                    frozen.bounds, frozen_grid, c,
+                )  # fmt: skip
+        return sum
+
+    return density_sum, emit_terms
+
+
+@lru_cache
+def make_force_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
+    """The second sweep's sum [m/s2], without gravity; and the function that emits the terms."""
+    dim, tilted, signed, n_bodies = s.dim, s.has_walls, any(s.no_slip), len(s.balls)
+    vec = wp.types.vector(dim, wp.float32)
+    flags = wp.types.vector(dim, wp.int32)
+    Forces = wp.types.matrix((max(n_bodies, 1), dim), wp.float32)
+    sticky = wp.int32(sum(bool(stick) << body for body, stick in enumerate(s.no_slip_bodies)))
+    images, solids, slope = make_images(s), make_bodies(s), s.slope
+    near, count, query, near_bare = images.near, images.count, images.query, images.near_bare
+    near_body, cast, screens, record_face, record_body = (
+        solids.near, solids.cast, solids.screens, images.record, solids.record,
+    )  # fmt: skip
+    loop, emit_terms = make_pair_loop(dim, s.force_terms, slope, True, tilted, signed, s.plain)
+    screened, _ = make_pair_loop(dim, s.force_terms, slope, True, tilted, signed, s.plain, _screen(s))
+    drags = tuple(bound(term, dim) for term in s.force_terms if isinstance(term, Drag))
+    force = total(tuple(bound(term, dim) for term in s.force_terms if not isinstance(term, Drag)))
+    drag = total(drags) if drags else no_term
+
+    @wp.func
+    def shadow(
+        x: vec, u: vec, a: float, g: vec, found: flags, world: int, faces: Faces, bodies: Bodies,
+        forces: wp.array3d[wp.int64], c: Constants,
+    ) -> vec:  # fmt: skip
+        """The sum over the dummy points behind bodies."""
+        sum = vec()
+        of_body = Forces()
+        for ray in range(bodies.ray.shape[0]):
+            e = vec()
+            for k in range(wp.static(dim)):
+                e[k] = bodies.ray[ray, k]
+            hit = cast(x, e, found, world, bodies, faces)
+            if hit.distance < c.support:
+                # The fluid follows the body along its normal only, and so does the pressure.
+                pushed = wp.dot(hit.acceleration, hit.normal) * wp.dot(hit.normal, e)
+                pull = (wp.dot(g, e) - pushed) * c.inv_c_0_squared
+                seen = u - hit.velocity
+                if (sticky >> hit.body) & 1 == 0:
+                    seen = wp.dot(seen, hit.normal) * hit.normal
+                part = vec()
+                for m in range(4):
+                    point = point_volume(hit.distance, m, bodies.ray_share[ray], wp.static(dim), c)
+                    r = point[0]
+                    v = seen * wp.min(r / wp.max(hit.distance, 1.0e-12), STEEPEST)
+                    a_m = wp.max(a + pull * r, wp.min(a, 0.0))
+                    w = slope(r, c)
+                    xu = -r * wp.dot(e, v)
+                    part -= (point[1] * r * force(r, xu, w, a, a_m, c)) * e
+                    if wp.static(len(drags) > 0):
+                        part += (point[1] * drag(r, xu, w, a, a_m, c)) * v
+                sum += part
+                if wp.static(s.forces):
+                    for k in range(wp.static(dim)):
+                        of_body[hit.body, k] += part[k]
+        if wp.static(s.forces):
+            for b in range(wp.static(n_bodies)):
+                value = vec()
+                for k in range(wp.static(dim)):
+                    value[k] = c.volume * of_body[b, k]
+                record_body(value, world, b, forces, c)
+        return sum
+
+    @wp.func
+    def force_sum(
+        x: vec, u: vec, a: float, g: vec, world: int, reach: float, faces: Faces, bodies: Bodies, frozen: Frozen,
+        frozen_grid: Grid, position: wp.array2d[float], velocity: wp.array2d[float], field: wp.array[float],
+        bounds: wp.array[int], grid: Grid, forces: wp.array3d[wp.int64], c: Constants,
+    ) -> vec:  # fmt: skip
+        sum = vec()
+        one = vec(1.0)
+        first_cell = world * grid.stride
+        found = flags()
+        shaded = bool(False)
+        if wp.static(n_bodies > 0):
+            shaded = near_body(x, world, bodies, c.support)
+        if wp.static(s.has_images):
+            found = near(x, world, faces, c.support)
+            for n in range(count(found)):
+                q = query(n, found, x, u, g, world, faces, c)
+                f = vec()
+                if wp.static(n_bodies > 0):
+                    if shaded:
+                        f = screened(
+                            q.position, q.viscous_velocity, a, q.offset, q.pressure_tilt, q.viscous_turn, first_cell,
+                            reach, position, velocity, field, bounds, grid, c, screens(world, bodies, q.turn, q.plane),
+                        )  # fmt: skip
+                if not shaded:
+                    f = loop(
+                        q.position, q.viscous_velocity, a, q.offset, q.pressure_tilt, q.viscous_turn, first_cell,
+                        reach, position, velocity, field, bounds, grid, c,
+                    )  # fmt: skip
+                sum += wp.cw_mul(q.turn, f)
+                if wp.static(s.forces and "mirror" in s.kinds):
+                    record_face(c.volume * wp.cw_mul(q.turn, f), q.face, world, forces, c)
+        else:
+            if wp.static(n_bodies > 0):
+                if shaded:
+                    sum += screened(
+                        x, u, a, 0.0, vec(), one, first_cell, reach, position, velocity, field, bounds, grid, c,
+                        screens(world, bodies, one, x),
+                    )  # fmt: skip
+            if not shaded:
+                sum += loop(x, u, a, 0.0, vec(), one, first_cell, reach, position, velocity, field, bounds, grid, c)
+        if wp.static(n_bodies > 0):
+            if shaded:
+                sum += shadow(x, u, a, g, found, world, faces, bodies, forces, c)
+        if wp.static(s.frozen):
+            if near_bare(x, world, faces, c.support):
+                sum += loop(
+                    x, u, a, 0.0, vec(), one, 0, reach, frozen.position, frozen.velocity, frozen.field,
+                    frozen.bounds, frozen_grid, c,
+                )  # fmt: skip
+        return c.volume * sum
+
+    return force_sum, emit_terms
+
+
+@lru_cache
+def make_heat_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
+    """Rate of change of the temperature over V; and the function that emits the term.
+
+    A wall of its own temperature T_w shows T_m = 2 T_w - T_j, an insulated one T_m = T_j. Seen from the particle,
+    T_i - (flip T_j + shift) is flip ((T_i - shift) flip - T_j): the same sum from another temperature.
+    """
+    dim = s.dim
+    vec = wp.types.vector(dim, wp.float32)
+    flags = wp.types.vector(dim, wp.int32)
+    warm = wp.int32(sum(bool(own) << body for body, own in enumerate(s.warm_bodies)))
+    images, solids, slope = make_images(s), make_bodies(s), s.slope
+    near, count, query = images.near, images.count, images.query
+    near_body, cast, screens = solids.near, solids.cast, solids.screens
+    loop, emit_terms = make_pair_loop(dim, (CONDUCTION,), slope, False, False, plain=s.plain)
+    screened, _ = make_pair_loop(dim, (CONDUCTION,), slope, False, False, plain=s.plain, screen=_screen(s))
+    term = CONDUCTION.function
+
+    @wp.func
+    def shadow(x: vec, a: float, found: flags, world: int, faces: Faces, bodies: Bodies, c: Constants) -> float:
+        """The sum over the dummy points behind bodies: linear from the particle through the surface."""
+        sum = float(0.0)
+        for ray in range(bodies.ray.shape[0]):
+            e = vec()
+            for k in range(wp.static(dim)):
+                e[k] = bodies.ray[ray, k]
+            hit = cast(x, e, found, world, bodies, faces)
+            if hit.distance < c.support and (warm >> hit.body) & 1 != 0:
+                for m in range(4):
+                    point = point_volume(hit.distance, m, bodies.ray_share[ray], wp.static(dim), c)
+                    r = point[0]
+                    grown = wp.min(r / wp.max(hit.distance, 1.0e-12), STEEPEST)
+                    a_m = a - grown * (a - bodies.temperature[hit.body])
+                    sum += point[1] * term(r, 0.0, slope(r, c), a, a_m, c)
+        return sum
+
+    @wp.func
+    def heat_sum(
+        x: vec, a: float, world: int, reach: float, faces: Faces, bodies: Bodies, position: wp.array2d[float],
+        velocity: wp.array2d[float], temperature: wp.array[float], bounds: wp.array[int], grid: Grid, c: Constants,
+    ) -> float:  # fmt: skip
+        sum = float(0.0)
+        zero = vec()
+        one = vec(1.0)
+        first_cell = world * grid.stride
+        found = flags()
+        shaded = bool(False)
+        if wp.static(len(s.balls) > 0):
+            shaded = near_body(x, world, bodies, c.support)
+        if wp.static(s.has_images):
+            found = near(x, world, faces, c.support)
+        for n in range(count(found)):
+            q = query(n, found, x, zero, zero, world, faces, c)
+            part = wp.vec2(0.0, 0.0)
+            if wp.static(len(s.balls) > 0):
+                if shaded:
+                    part = screened(
+                        q.position, zero, q.flip * (a - q.shift), 0.0, zero, one, first_cell, reach, position,
+                        velocity, temperature, bounds, grid, c, screens(world, bodies, q.turn, q.plane),
+                    )  # fmt: skip
+            if not shaded:
+                part = loop(
+                    q.position, zero, q.flip * (a - q.shift), 0.0, zero, one, first_cell, reach, position,
+                    velocity, temperature, bounds, grid, c,
+                )  # fmt: skip
+            sum += q.flip * part[0]
+        if wp.static(len(s.balls) > 0):
+            if shaded:
+                sum += shadow(x, a, found, world, faces, bodies, c)
+        return sum
+
+    return heat_sum, emit_terms
