@@ -10,7 +10,6 @@ import numpy as np
 from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 
 from fluidgym.envs.task import Task
-from fluidgym.scene import face_names
 from fluidgym.solver import Solver
 
 
@@ -132,25 +131,9 @@ class Runner:
 
     def frame(self, world: int) -> np.ndarray:
         """A picture of a world (height, width, 3), uint8."""
-        from fluidgym.render import draw_frame  # a picture costs nothing where none is asked for
+        from fluidgym.picture import picture  # a picture costs nothing where none is asked for
 
-        scene, particles = self.solver.scene, self.solver.particles(world)
-        positions = self.solver.state.faces.position.numpy()[world]
-        faces = {
-            name: {"kind": scene.faces[name].kind, "position": float(position), "moving": scene.faces[name].moving}
-            for name, position in zip(face_names(scene.dim), positions, strict=True)
-        }
-        return draw_frame(
-            particles.position,
-            np.sqrt((particles.velocity**2).sum(axis=1)),
-            lower=scene.lower,
-            upper=scene.upper,
-            spacing=scene.particle_spacing,
-            faces=faces,
-            value_range=(0.0, self.task.reference_speed),
-            label="speed [m/s]",
-            **self.task.annotate(world),
-        )
+        return picture(self.solver, world, value_range=(0.0, self.task.reference_speed), **self.task.annotate(world))
 
     def _outcome(self) -> Outcome:
         task = self.task

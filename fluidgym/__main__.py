@@ -6,7 +6,7 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,10 +23,91 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     parser = argparse.ArgumentParser(prog="fluidgym", description="A fluid simulator that trains controllers.")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    _add_run(commands)
     _add_validate(commands)
     _add_benchmark(commands)
     chosen = parser.parse_args(arguments)
     return chosen.run(chosen)
+
+
+def _add_run(commands: argparse._SubParsersAction) -> None:
+    parser = commands.add_parser(
+        "run",
+        help="run a scene file",
+        description="Run a scene file, and leave a table of measurements, a picture and a film.",
+    )
+    parser.add_argument("file", type=Path, metavar="FILE", help="a scene file, such as examples/scenes/dam_break.toml")
+    parser.add_argument("--out", type=Path, metavar="FOLDER", help="where to (default: outputs/NAME of the file)")
+    parser.add_argument("--duration", type=float, metavar="S", help="simulated time [s], in place of the file's")
+    parser.add_argument("--spacing", type=float, metavar="DX", help="particle spacing [m], in place of the file's")
+    parser.add_argument("--device", help="cpu, cuda, cuda:1, ...; a GPU where there is one if not given")
+    parser.add_argument("--fps", type=float, metavar="N", help="frames a second of the film, in place of the file's")
+    parser.add_argument("--film", choices=("gif", "mp4", "none"), default="gif", help="mp4 needs the extra 'render'")
+    parser.add_argument("--frames", action="store_true", help="write every frame of the film as a picture as well")
+    parser.add_argument("--vtk", action="store_true", help="write the particles for ParaView; needs the extra 'vtk'")
+    parser.add_argument(
+        "--save-every",
+        type=float,
+        metavar="S",
+        help="simulated time between rows of the table, and between files for ParaView (default: that of the frames)",
+    )
+    parser.set_defaults(run=run)
+
+
+def run(chosen: argparse.Namespace) -> int:
+    """Run a scene file: everything is checked first, and an interrupt keeps what there is."""
+    from fluidgym.recording import Output, record, summary, written
+    from fluidgym.scene_file import load
+    from fluidgym.solver import find_device
+
+    folder = chosen.out or Path("outputs") / chosen.file.stem
+    try:
+        experiment = load(chosen.file, chosen.spacing)
+        if chosen.duration is not None:
+            experiment = replace(experiment, duration=chosen.duration)
+        if chosen.fps is not None:
+            experiment = replace(experiment, view=replace(experiment.view, frames_per_second=chosen.fps))
+        output = Output(folder, chosen.film, chosen.frames, chosen.vtk, chosen.save_every)
+        output.check(experiment)
+        device = str(find_device(chosen.device))
+        _make_folder(folder)
+        bar_format = "{desc} {percentage:3.0f}%|{bar}| {n:.2f}/{total:.2f} s simulated [{elapsed}<{remaining}]"
+        with tqdm(
+            total=experiment.duration, desc=chosen.file.stem, bar_format=bar_format, leave=False, disable=None
+        ) as bar:
+            found = record(experiment, output, device, progress=bar.update)
+    except ValueError as error:
+        return _refuse(str(error))
+    except KeyboardInterrupt:  # while the solver was being made
+        print("interrupted before the first step", file=sys.stderr)
+        return INTERRUPTED
+    print(f"{chosen.file}: {experiment.title or chosen.file.stem}\n")
+    print("\n".join([*summary(found), "", *written(found.files)]), flush=True)
+    if found.failure:
+        print(f"fluidgym: {found.failure}", file=sys.stderr)
+        return MISSED
+    if found.interrupted:
+        ended = found.measured[-1].time if found.measured else 0.0
+        print(
+            f"interrupted at {ended:.3g} of {experiment.duration:.3g} s; what there was by then is kept",
+            file=sys.stderr,
+        )
+        return INTERRUPTED
+    return 0
+
+
+def _make_folder(folder: Path) -> None:
+    """Make the folder of a run's files.
+
+    Raises:
+        ValueError: It cannot be made or written to.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ValueError(f"--out {folder}: cannot be made: {error.strerror}; name another folder") from None
+    if not os.access(folder, os.W_OK):
+        raise ValueError(f"--out {folder}: cannot be written to; name another folder")
 
 
 def _add_validate(commands: argparse._SubParsersAction) -> None:

@@ -11,7 +11,7 @@ import warp as wp
 
 from fluidgym.scene import AXES, LEAST_MACH_MARGIN, Ball, Face, Scene, face_names
 from fluidgym.scheme import Scheme
-from fluidgym.sph.bodies import make_rays
+from fluidgym.sph.bodies import make_bodies
 from fluidgym.sph.neighbors import Grid, make_grid
 from fluidgym.sph.smoothing import POLY6
 from fluidgym.sph.structure import Structure
@@ -256,14 +256,13 @@ def body_travel(scene: Scene) -> np.ndarray:
     return np.array(reach).reshape(-1, 2)
 
 
-def equip_bodies(bodies: Any, scene: Scene, device: wp.Device) -> None:
-    """Give body arrays what does not change: temperatures, and the rays by which they are seen."""
+def equip_bodies(bodies: Any, scene: Scene, structure: Structure, device: wp.Device) -> None:
+    """Give body arrays what does not change: their temperatures, and how many rays see them."""
     if not scene.bodies:
         return
-    rays, share = make_rays(scene.dim)
+    solids = make_bodies(structure)
+    bodies.patches, bodies.rays, bodies.others = solids.patches, solids.rays, solids.others
     temperatures = [body.temperature or 0.0 for body in scene.bodies.values()]
-    bodies.ray = wp.array(rays, dtype=float, device=device)
-    bodies.ray_share = wp.array(share, dtype=float, device=device)
     bodies.temperature = wp.array(temperatures, dtype=float, device=device)
 
 
@@ -306,12 +305,7 @@ def make_drains(scene: Scene, scheme: Scheme, device: wp.Device) -> Any:
     if not outflows:
         return drains
     unit = scene.material.density * scene.sound_speed**2
-    held = [
-        math.nan
-        if outflow.pressure is None
-        else float(scheme.state_equation.density_of(np.array(outflow.pressure / unit), scheme.gamma))
-        for outflow in outflows
-    ]
+    held = [scheme.state_equation.density_of(np.array(outflow.pressure / unit), scheme.gamma) for outflow in outflows]
     directions = [outflow.direction for outflow in outflows]
     drains.lower = wp.array(np.array([outflow.region.lower for outflow in outflows]), dtype=float, device=device)
     drains.upper = wp.array(np.array([outflow.region.upper for outflow in outflows]), dtype=float, device=device)

@@ -201,7 +201,8 @@ class Inflow:
     Attributes:
         center: Middle of the back of the pipe [m], (dim,); the pipe lies inside the box.
         direction: Along which the fluid leaves, of any length above 0, (dim,).
-        width: Of the opening [m]. In three dimensions its diameter, or with a height the horizontal side.
+        width: Of the opening [m]. In three dimensions its diameter, or with a height the horizontal side. The rows of
+            particles that fill it are a whole number of spacings wide, so choose a multiple of the spacing.
         speed: Mean over the opening, at the start [m/s]; a control of the solver from then on.
         height: Other side of a rectangular opening in three dimensions [m]; None makes it round.
         max_speed: Largest that the control may ask for [m/s]; None is the speed at the start.
@@ -303,7 +304,7 @@ class Outflow:
         direction: None retires a particle as it enters, as a drain does. An axis with its sign, "+x" or "-z", makes it
             the end of a channel that goes on: a particle is carried through at the velocity with which it entered and
             retired at the far side.
-        pressure: Held in a region with a direction [Pa]; None takes that of the fluid ahead of it.
+        pressure: Held in a region with a direction [Pa].
 
     Raises:
         ValueError: A field is of a wrong type or out of its limits.
@@ -311,7 +312,7 @@ class Outflow:
 
     region: Box
     direction: str | None = None
-    pressure: float | None = None
+    pressure: float = 0.0
 
     def __post_init__(self) -> None:
         check_type("Outflow.region", self.region, Box, "a Box", "Box(lower, upper)")
@@ -321,12 +322,9 @@ class Outflow:
         known = tuple(f"{sign}{axis}" for axis in "xyz"[: len(low)] for sign in "+-")
         if self.direction is not None:
             check_choice("Outflow.direction", self.direction, known, f"{', '.join(known)} or None")
-        if self.pressure is not None:
-            check_number("Outflow.pressure", self.pressure, "Pa")
-            if self.direction is None:
-                raise ValueError(
-                    f"Outflow.pressure = {self.pressure:g} Pa is of no effect in a drain; give a direction"
-                )
+        check_number("Outflow.pressure", self.pressure, "Pa")
+        if self.pressure and self.direction is None:
+            raise ValueError(f"Outflow.pressure = {self.pressure:g} Pa is of no effect in a drain; give a direction")
 
 
 @dataclass(frozen=True)

@@ -259,6 +259,9 @@ class Scene:
                 inside &= solid.shape.distance(points) > BODY_CLEARANCE * self.particle_spacing
             for inflow in self.inflows.values():
                 inside &= ~self._in_pipe(inflow, points)
+            for outflow in self.outflows.values():
+                if outflow.direction is None:
+                    inside &= ~outflow.region.contains(points)
             for earlier in self.fluid[:index]:
                 inside &= ~earlier.shape.contains(points)
             places.append((body, points[inside]))

@@ -223,7 +223,7 @@ class Solver:
             faces.sliding.assign(np.tile(np.asarray(sliding), (worlds, 1, 1)))
             faces.temperature = wp.array(warmth, dtype=float, device=self.device)
         for bodies in (state.bodies, state.bodies_middle, state.bodies_before, state.bodies_start):
-            equip_bodies(bodies, scene, self.device)
+            equip_bodies(bodies, scene, self._structure, self.device)
             if scene.bodies:
                 bodies.position.assign(np.tile(body_middles(scene), (worlds, 1, 1)))
 

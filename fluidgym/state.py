@@ -26,15 +26,16 @@ class Faces:
 
 @wp.struct
 class Bodies:
-    """The solids of all worlds at one instant, and the rays by which fluid sees them."""
+    """The solids of all worlds at one instant."""
 
     position: wp.array3d[float]  # of the middle, (world, body, dim) [m]
     velocity: wp.array3d[float]  # (world, body, dim) [m/s]
     acceleration: wp.array3d[float]  # (world, body, dim) [m/s2]
     half: wp.array2d[float]  # half of each side, or the radius, (body, dim) [m]
     temperature: wp.array[float]  # (body,)
-    ray: wp.array2d[float]  # directions, (ray, dim)
-    ray_share: wp.array[float]  # of the full angle, in radians or steradians, (ray,)
+    patches: int  # sides of bodies and of their images that a particle may see
+    rays: int  # to each of them
+    others: int  # bodies and images
 
 
 @wp.struct
@@ -60,7 +61,7 @@ class Drains:
     upper: wp.array2d[float]  # (outflow, dim) [m]
     axis: wp.array[int]  # along which fluid is carried; -1 retires it at once, (outflow,)
     sign: wp.array[float]  # of the direction, (outflow,)
-    field: wp.array[float]  # density error held; NaN takes that of the fluid ahead, (outflow,)
+    field: wp.array[float]  # density error held, (outflow,)
 
 
 @wp.struct

@@ -1,13 +1,22 @@
 """The command line: what it prints, writes and returns."""
 
+import csv
 import dataclasses
 import json
+import math
+import re
+import struct
 import subprocess
 import sys
+from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
 
+from fluidgym import paraview, recording
 from fluidgym.__main__ import main
+from fluidgym.scene_file import load
 from fluidgym.validation import CASES, dam_break
 from fluidgym.validation.report import write_json
 
@@ -144,3 +153,327 @@ def test_the_module_runs_as_a_program():
     found = subprocess.run(command, capture_output=True, text=True, timeout=60, stdin=subprocess.DEVNULL)
     assert found.returncode == 0
     assert "--strict" in found.stdout
+
+
+# -- run --------------------------------------------------------------------------------------------------------------
+
+SCENES = Path(__file__).resolve().parents[1] / "examples" / "scenes"
+
+SMALL = """
+duration = 0.2
+lower = [0, 0]
+upper = [2, 1]
+particle_spacing = 0.05
+view.frames_per_second = 20
+view.size = [160, 100]
+
+[[fluid]]
+shape = {box = [[0, 0], [0.5, 0.5]]}
+pressure = "released"
+"""
+
+
+@pytest.fixture
+def small(tmp_path):
+    """A small dam break as a scene file."""
+    file = tmp_path / "small.toml"
+    file.write_text(SMALL)
+    return file
+
+
+def read_series(folder):
+    """The table of a run: each column by its name."""
+    with (folder / "series.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    return {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
+
+
+def dam_break_front(series):
+    errors = dam_break.front_errors(series["time"], series["front"] / dam_break.HEIGHT)
+    late = [error for t, error in errors.items() if t >= 1.0]
+    assert len(late) > 3
+    assert np.abs(late).max() < 0.08
+    assert series["energy"][-1] < series["energy"][0]
+
+
+def held_by_the_gate(series):
+    t, gate = series["time"], series["bodies.gate.y"] - 0.4
+    before = t < 0.2
+    assert series["largest_speed"][before].max() < 0.3
+    assert series["potential_energy"][before] == pytest.approx(series["potential_energy"][0], rel=2e-3)
+    expected = np.clip(2.0 * (t - 0.225), 0.0, 0.65)  # a quarter of the 0.1 m that it rises at 2 m/s in 0.05 s
+    away = (t < 0.19) | (t > 0.26)
+    assert gate[away] == pytest.approx(expected[away], abs=2e-3)
+    assert series["rms_speed"][-1] > 0.5
+
+
+def sloshes_as_linear_theory_says(series):
+    """The middle of the water against the first standing waves of a tank that is shaken (modal analysis, by steps)."""
+    length, depth, g, amplitude, period = 1.0, 0.3, 9.81, 0.4, 1.32
+    fine = np.linspace(0.0, series["time"][-1], 20001)
+    push = amplitude * np.sin(2 * math.pi * fine / period) * np.sin(0.5 * math.pi * np.clip(fine / period, 0, 1)) ** 2
+    middle = np.full(len(fine), 0.5 * length)
+    for mode in (1, 3):
+        k = mode * math.pi / length
+        share = -4.0 * length / (mode * math.pi) ** 2  # of the wave in x
+        a = rate = 0.0
+        for n in range(len(fine) - 1):
+            rate += (fine[1] - fine[0]) * k * math.tanh(k * depth) * (share * push[n] - g * a)
+            a += (fine[1] - fine[0]) * rate
+            middle[n + 1] += 0.5 * share * a / depth
+    found = series["center_of_mass_x"] - np.interp(series["time"], fine, middle)
+    assert np.ptp(middle) > 0.02
+    assert np.abs(found).max() < 0.1 * np.ptp(middle)
+    assert series["gravity.x"] == pytest.approx(np.interp(series["time"], fine, push), abs=0.03)
+
+
+def driven_by_the_piston(series):
+    t = series["time"]
+    grown = np.sin(0.5 * math.pi * np.clip(t / 1.6, 0.0, 1.0)) ** 2
+    assert series["faces.x_min"] - 0.2 == pytest.approx(0.1 * grown * np.sin(2 * math.pi * t / 1.6), abs=2e-3)
+    assert series["energy"][-1] - series["energy"][0] > 20.0  # the work of the wall [J/m]
+    # With its left end the water's middle moves half as far.
+    pushed = series["center_of_mass_x"] - series["center_of_mass_x"][0]
+    assert np.abs(pushed).max() > 1e-3
+
+
+def fed_by_the_jet(series):
+    spacing, width, speed, rows = 0.025, 0.15, 1.2, 6
+    t = series["time"]
+    before = t < 0.1
+    assert (series["emitted"][before] == 0).all()
+    assert series["largest_speed"][before].max() < 0.3
+    since = np.maximum(t - 0.1, 0.0)
+    ramp = np.minimum(since, 0.1)
+    made = width * speed * (5.0 * ramp**2 + since - ramp)  # [m2]
+    assert series["emitted"] * spacing**2 == pytest.approx(made, abs=1.01 * width * spacing)
+    assert (series["particles"] == 4 * rows + series["emitted"] - series["retired"]).all()
+    # Until it meets the bucket each part keeps the speed with which it left the pipe, and falls.
+    at = np.searchsorted(t, 0.36)
+    squares = speed**2 * (100.0 * ramp**3 / 3.0 + since - ramp)
+    assert series["momentum_x"][at] == pytest.approx(1000.0 * width * (squares[at] + 4 * spacing * speed), rel=0.05)
+    assert 1.0 < series["center_of_mass_x"][-1] < 1.4  # most of it is over or in the bucket
+
+
+def strikes_the_pool(series):
+    assert series["center_of_mass_x"] == pytest.approx(0.8, abs=2e-3)
+    flying = series["time"] < 0.012
+    assert series["momentum_y"][flying] == pytest.approx(series["momentum_y"][0], rel=0.05)
+    assert series["kinetic_energy"][-1] < 0.7 * series["kinetic_energy"][0]
+    assert (np.diff(series["energy"]) < 0.01 * series["kinetic_energy"][0]).all()
+
+
+def flows_through_the_channel(series):
+    late = series["time"] > 2.5
+    mean = series["momentum_x"] / series["mass"]
+    assert mean[late].mean() == pytest.approx(0.5, rel=0.02)
+    # A parabola has 6/5 of the square of its mean.
+    assert (series["rms_speed"] / mean)[late].mean() == pytest.approx(math.sqrt(1.2), rel=0.02)
+    assert series["emitted"][-1] * 0.02**2 == pytest.approx(0.5 * 0.2 * series["time"][-1], rel=0.02)
+    assert series["particles"] == pytest.approx(series["particles"][0], rel=0.03)
+
+
+def strikes_the_box(series):
+    # From SPHERIC's benchmark 2: the water is at the box, 1.17 m away, after some 0.4 s.
+    assert 0.34 < np.interp(2.3955, series["front"], series["time"]) < 0.5
+    assert series["center_of_mass_y"] == pytest.approx(0.5, abs=0.01)
+    assert series["energy"][-1] < series["energy"][0]
+
+
+CHECKS = {
+    "dam_break": (0.03, 0.7, dam_break_front),
+    "dam_break_gate": (0.04, 0.7, held_by_the_gate),
+    "sloshing": (0.025, 2.0, sloshes_as_linear_theory_says),
+    "wavemaker": (0.075, 2.0, driven_by_the_piston),
+    "jet_into_bucket": (0.025, 1.0, fed_by_the_jet),
+    "drop_impact": (0.04, 0.3, strikes_the_pool),
+    "channel": (0.02, 4.0, flows_through_the_channel),
+    "dam_break_obstacle_3d": (0.1, 0.6, strikes_the_box),
+}
+
+
+def test_no_scene_is_forgotten():
+    assert sorted(CHECKS) == sorted(path.stem for path in SCENES.glob("*.toml"))
+
+
+@pytest.mark.parametrize("name", CHECKS)
+def test_a_scene_runs_and_does_what_its_physics_says(name, tmp_path, capsys):
+    spacing, duration, check = CHECKS[name]
+    options = ["--spacing", str(spacing), "--duration", str(duration), "--film", "none", "--device", "cpu"]
+    out = tmp_path / "out"
+    assert main(["run", str(SCENES / f"{name}.toml"), "--out", str(out), *options]) == 0
+    series = read_series(out)
+    assert series["time"][-1] == pytest.approx(duration)
+    assert all(np.isfinite(values).all() for values in series.values())
+    assert series["largest_density_error"].max() < 0.2
+    area = load(SCENES / f"{name}.toml", spacing).scene.particle_mass
+    assert series["mass"] == pytest.approx(area * series["particles"])
+    assert np.asarray(Image.open(out / "last.png")).std() > 5.0
+    check(series)
+    assert load(out / "as_run.toml").duration == duration
+    printed = capsys.readouterr().out
+    for word in ("simulated", "particles", "wall time", "mass", "density error", "trust", "wrote"):
+        assert word in printed
+
+
+def test_a_run_leaves_a_table_pictures_a_film_and_files_for_paraview(small, tmp_path, capsys):
+    out = tmp_path / "out"
+    options = ["--out", str(out), "--frames", "--vtk", "--save-every", "0.08", "--device", "cpu"]
+    assert main(["run", str(small), *options]) == 0
+    assert Image.open(out / "film.gif").n_frames == 5
+    assert Image.open(out / "film.gif").size == (160, 100)
+    assert len(list((out / "frames").glob("frame_*.png"))) == 5
+    series = read_series(out)
+    assert series["time"] == pytest.approx([0.0, 0.08, 0.16, 0.2])
+    steps = re.findall(r'timestep="([0-9.]+)".*file="(.*?)"', (out / "particles.pvd").read_text())
+    assert [float(time) for time, _ in steps] == pytest.approx([0.0, 0.08, 0.16, 0.2])
+    points = read_vtu(out / steps[-1][1])
+    assert points["points"].shape == points["velocity"].shape == (100, 3)
+    assert points["points"][:, 0].max() + 0.025 == pytest.approx(series["front"][-1])
+    assert (points["points"][:, 2] == 0.0).all()
+    assert 1000.0 * 0.05**2 * points["velocity"][:, 0].sum() == pytest.approx(series["momentum_x"][-1])
+    assert points["identity"][:, 0].tolist() == list(range(100))
+    assert points["density"] == pytest.approx(1000.0, rel=0.05)
+    printed = capsys.readouterr().out
+    for name in ("as_run.toml", "series.csv", "last.png", "film.gif", "frames", "particles.pvd"):
+        assert f"wrote {out / name}" in printed
+        assert (out / name).exists()
+
+
+def read_vtu(path):
+    """The arrays of a .vtu file with raw data at its end, each (n, component)."""
+    raw = path.read_bytes()
+    head, _, rest = raw.partition(b'<AppendedData encoding="raw">')
+    data = rest[rest.index(b"_") + 1 :]
+    arrays = {}
+    for name, components, kind, offset in re.findall(
+        r'Name="(\w+)" NumberOfComponents="(\d)" type="(\w+)" format="appended" offset="(\d+)"', head.decode()
+    ):
+        (size,) = struct.unpack_from("<Q", data, int(offset))
+        values = np.frombuffer(
+            data, dtype=kind.lower(), count=size // np.dtype(kind.lower()).itemsize, offset=int(offset) + 8
+        )
+        arrays[name] = values.reshape(-1, int(components))
+    return arrays
+
+
+def test_an_earlier_run_leaves_nothing_in_the_next(small, tmp_path):
+    out = tmp_path / "out"
+    options = ["--out", str(out), "--film", "none", "--frames", "--vtk", "--device", "cpu"]
+    assert main(["run", str(small), *options]) == 0
+    assert main(["run", str(small), *options, "--duration", "0.05"]) == 0
+    assert len(list((out / "frames").iterdir())) == 2
+    assert len(list((out / "particles").iterdir())) == 2
+
+
+def test_an_mp4_has_as_many_frames_a_second_as_asked(small, tmp_path):
+    out = tmp_path / "out"
+    assert main(["run", str(small), "--out", str(out), "--film", "mp4", "--fps", "50", "--device", "cpu"]) == 0
+    imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg")
+    frames, _ = imageio_ffmpeg.count_frames_and_secs(str(out / "film.mp4"))
+    assert frames == 11
+
+
+def interrupt_after(monkeypatch, calls):
+    """Let the measuring of a run be interrupted after so many calls."""
+    count = iter(range(calls))
+
+    def measure(solver):
+        if next(count, None) is None:
+            raise KeyboardInterrupt
+        return original(solver)
+
+    original = recording.measure
+    monkeypatch.setattr(recording, "measure", measure)
+
+
+def test_an_interrupted_run_keeps_what_there_is(small, tmp_path, monkeypatch, capsys):
+    interrupt_after(monkeypatch, 3)
+    out = tmp_path / "out"
+    assert main(["run", str(small), "--out", str(out), "--device", "cpu"]) == 130
+    assert read_series(out)["time"] == pytest.approx([0.0, 0.05, 0.1])
+    assert Image.open(out / "film.gif").n_frames == 3
+    assert (out / "last.png").exists()
+    printed = capsys.readouterr()
+    assert "interrupted at 0.1 of 0.2 s" in printed.err
+    assert "wrote" in printed.out
+
+
+def test_a_run_interrupted_at_once_says_so(small, tmp_path, monkeypatch, capsys):
+    interrupt_after(monkeypatch, 0)
+    assert main(["run", str(small), "--out", str(tmp_path / "out"), "--device", "cpu"]) == 130
+    assert "before the first measurement" in capsys.readouterr().out
+
+
+def test_a_run_that_breaks_down_ends_with_what_there_is(small, tmp_path, capsys):
+    small.write_text(
+        SMALL.replace("duration = 0.2", "duration = 20")
+        + "[scheme]\nintegrator = 'explicit-euler'\ndensity_diffusion = 0\nartificial_viscosity = 0"
+    )
+    out = tmp_path / "out"
+    assert main(["run", str(small), "--out", str(out), "--film", "none", "--device", "cpu"]) == 1
+    printed = capsys.readouterr()
+    (line,) = [line for line in printed.err.splitlines() if line.startswith("fluidgym: ")]
+    assert "broken down" in line
+    assert "courant" in line
+    assert 0.0 < read_series(out)["time"][-1] < 20.0
+    assert "none: it broke down" in printed.out
+
+
+def test_a_control_beyond_the_solver_ends_a_run_with_what_there_is(small, tmp_path, capsys):
+    motion = '[[motion]]\ntarget = "gravity"\nkind = "steps"\ntimes = [0.1]\nvalues = [1e7]\naxis = "x"\n'
+    small.write_text(SMALL + motion)
+    out = tmp_path / "out"
+    assert main(["run", str(small), "--out", str(out), "--device", "cpu"]) == 1
+    (line,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("fluidgym: ")]
+    assert "gravity" in line
+    assert read_series(out)["time"][-1] == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["none.toml"], ["none.toml", "No such file"]),
+        (["wrong.toml"], ["wrong.toml: lower is missing"]),
+        (["small.toml", "--duration", "-1"], ["duration = -1 s"]),
+        (["small.toml", "--duration", "inf"], ["duration = inf"]),
+        (["small.toml", "--spacing", "7"], ["small.toml", "particle_spacing = 7 m"]),
+        (["small.toml", "--fps", "500"], ["frames_per_second = 500", "1 to 50"]),
+        (["small.toml", "--save-every", "0"], ["0 s", "above 0"]),
+        (["small.toml", "--device", "abacus"], ["abacus", "cpu"]),
+        (["small.toml", "--duration", "10000"], ["film", "GB", "no film"]),
+        (["small.toml", "--out", "/dev/null/here"], ["--out /dev/null/here", "another folder"]),
+    ],
+)
+def test_a_run_that_cannot_be_is_refused_in_one_line_before_it_starts(arguments, said, small, monkeypatch, capsys):
+    (small.parent / "wrong.toml").write_text("duration = 1\nupper = [1, 1]\nparticle_spacing = 0.1\nfluid = []")
+    monkeypatch.chdir(small.parent)
+    assert main(["run", *arguments]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert len(printed.err.splitlines()) == 1
+    assert printed.err.startswith("fluidgym: ")
+    assert all(word in printed.err for word in said), printed.err
+    assert not (small.parent / "outputs").exists()
+
+
+@pytest.mark.parametrize(
+    ("option", "module", "remedy"),
+    [
+        (["--vtk"], paraview, 'pip install "fluidgym-sph[vtk]"'),
+        (["--film", "mp4"], recording, 'pip install "fluidgym-sph[render]"'),
+    ],
+)
+def test_a_library_that_is_missing_is_named_before_the_run(option, module, remedy, small, monkeypatch, capsys):
+    monkeypatch.chdir(small.parent)
+    monkeypatch.setattr(module, "find_spec", lambda name: None)
+    assert main(["run", "small.toml", *option]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert remedy in line
+    assert not (small.parent / "outputs").exists()
+
+
+def test_a_run_goes_to_a_folder_named_after_its_file(small, monkeypatch):
+    monkeypatch.chdir(small.parent)
+    assert main(["run", "small.toml", "--film", "none", "--duration", "0.01", "--device", "cpu"]) == 0
+    assert (small.parent / "outputs" / "small" / "series.csv").exists()

@@ -25,10 +25,25 @@ def build():
     import gymnasium
 
     import fluidgym
-    from fluidgym.scene import OPEN, PERIODIC, Box, Face, Fluid, Material, Scene, face_names
-    from fluidgym.scheme import Scheme
+    from fluidgym.scene import (
+        OPEN,
+        PERIODIC,
+        Ball,
+        Body,
+        Box,
+        Face,
+        Fluid,
+        Inflow,
+        Material,
+        Outflow,
+        Scene,
+        face_names,
+    )
+    from fluidgym.scheme import MUELLER, Scheme
     from fluidgym.solver import Solver
+    from fluidgym.sph.integrators import EXPLICIT_EULER
     from fluidgym.sph.state_equation import TAIT
+    from fluidgym.sph.wall_models import ClampWalls, FrozenWalls
 
     for package in pkgutil.walk_packages(fluidgym.__path__, "fluidgym."):
         if package.name.startswith(("fluidgym.sph", "fluidgym.state")):
@@ -43,6 +58,37 @@ def build():
         bare = Scene((0.0,) * dim, (1.0,) * dim, 0.1, block, still, gravity=0.0, reference_speed=1.0)
         Solver(rich, Scheme(state_equation=TAIT), device="cpu")
         Solver(bare, Scheme(density_diffusion=0.0, artificial_viscosity=0.0), device="cpu")
+        middle = (0.7,) * dim
+        full = Scene(
+            (0.0,) * dim,
+            (1.0,) * dim,
+            0.1,
+            block,
+            {"x_min": Face(slip="no", temperature=1.0)},
+            material=Material(viscosity=1e-3, thermal_diffusivity=1e-3),
+            bodies={
+                "gate": Body(Box((0.55,) + (0.0,) * (dim - 1), (0.6,) + (0.5,) * (dim - 1)), "no", True, None, 2.0),
+                "ball": Body(Ball(middle, 0.1)),
+            },
+            inflows={"jet": Inflow((0.1,) * (dim - 1) + (0.8,), (1.0,) + (0.0,) * (dim - 1), 0.2, 1.0)},
+            outflows={
+                "drain": Outflow(Box((0.9,) + (0.0,) * (dim - 1), (1.0,) * dim)),
+                "end": Outflow(
+                    Box((0.0,) * (dim - 1) + (0.9,), (0.5,) * (dim - 1) + (1.0,)), "+y" if dim == 2 else "+z"
+                ),
+            },
+            central_force=1.0,
+        )
+        filled = Solver(full, device="cpu", report_forces=True)
+        filled.body_velocity[0, 0, 0] = 0.1
+        filled.gravity = 0.0
+        filled.set_parameters(sound_speed=2.0 * filled.parameter("sound_speed"))
+        filled.step()
+        Solver(full, device="cpu", plain_loops=True)
+        Solver(bare, Scheme(walls=FrozenWalls(), integrator=EXPLICIT_EULER), device="cpu")
+        tank = Scene((0.0,) * dim, (1.0,) * dim, 0.1, block, material=Material(viscosity=1e-3))
+        for scheme in (MUELLER, Scheme(walls=ClampWalls()), Scheme(walls=FrozenWalls())):
+            Solver(tank, scheme, device="cpu", report_forces=True)
     for name in list(gymnasium.registry):
         if name.startswith("fluidgym/"):
             environment = gymnasium.make(name, device="cpu")

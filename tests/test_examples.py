@@ -12,6 +12,7 @@ from PIL import Image
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 
 RUNS = {
+    "ancestors.py": ["--device", "cpu", "--quick"],
     "dam_break.py": ["--device", "cpu", "--resolution", "20", "--seconds", "0.8"],
     "many_worlds.py": ["--device", "cpu", "--worlds", "4", "--steps", "10", "--resolution", "12"],
     "script_the_solver.py": ["--device", "cpu", "--resolution", "12"],
@@ -54,6 +55,9 @@ def test_dam_break_leaves_a_table_a_picture_and_a_film(dim, resolution, tmp_path
         ("dam_break.py", "--resolution 0 --device cpu", "resolution = 0 particles over the column's height is outside"),
         ("dam_break.py", "--device abacus", "'abacus' is not on this machine"),
         ("dam_break.py", "--output /dev/null/here --device cpu", "--output /dev/null/here cannot be made"),
+        ("ancestors.py", "--resolution 2", "--resolution = 2 is outside 10 to 200; use 40"),
+        ("ancestors.py", "--device abacus", "'abacus' is not on this machine"),
+        ("ancestors.py", "--output /dev/null/here --device cpu", "--output /dev/null/here cannot be made"),
         ("many_worlds.py", "--worlds 0", "--worlds and --steps must be 1 or more"),
         ("many_worlds.py", "--steps 0", "--worlds and --steps must be 1 or more"),
         ("many_worlds.py", "--device abacus", "'abacus' is not on this machine"),

@@ -1,20 +1,23 @@
 """Solids inside the box, by their shadows.
 
-What a particle cannot see does not act on it: two particles do not meet where the line between them crosses a body, and
-the space behind the body's surface, seen from the particle, is filled with dummy points that continue the fluid into
-the wall. The points lie on rays from the particle, so a body may be as thin as a sheet: each side has its own shadow.
+Two particles do not meet where the line between them goes in by one side of a box and out by the opposite one, and what
+lies in or behind the box on such a line is, to a particle, filled with dummy points that continue the fluid into the
+wall. They lie on rays from the particle, so a box may be as thin as a sheet: each side has its own shadow. Around an
+edge the fluid goes on: there points fill just the body, whose kernel sum is then the gradient of a potential, without
+which motion around an edge would slowly lose volume. A ball hides nothing unless it is smaller than the kernel.
 
 The fluid is continued as at a wall of dummy particles (Adami, Hu & Adams 2012): a point takes the pressure of the
 particle plus the weight of the fluid between them, rho_0 (g - a_n) . (x_k - x_i) with a_n the acceleration of the body
-along its normal. Its normal velocity mirrors the particle's in the surface, which is what the images of a plane wall
-amount to; for viscosity that sticks, so does the rest of it. The sum over the points is a quadrature over the shadow:
-Gauss-Legendre along a ray; equal angles (2D) or Lebedev's points of order 15 (3D) around. The points run through the
-same terms as particles.
+along its normal. Its velocity mirrors the particle's in the body's, u_i - u_k = 2 (u_i - u_b): with just that, the
+pressure of the points takes from the motion what they put into compression, and still water around an edge stays
+still. For viscosity that sticks it is the velocity that makes the body's own at the surface.
+
+The sum over the points is a quadrature over the shadow: Gauss-Legendre along a ray, and across rays over the angle in
+which each visible side is seen, so that it is smooth as the particle moves. The points run through the same terms as
+particles.
 """
 
-import math
 from functools import lru_cache
-from itertools import permutations, product
 from types import SimpleNamespace
 
 import numpy as np
@@ -24,42 +27,31 @@ from fluidgym.sph.constants import Constants
 from fluidgym.sph.structure import Structure
 from fluidgym.state import Bodies, Faces
 
-RAYS_2D = 32
 
-# Lebedev & Laikov (1999), order 15: one point of each orbit under the symmetries of the cube, and its weight over 4 pi.
-_LEBEDEV = (
-    ((0.0, 0.0, 1.0), 0.011544011544011544),
-    ((0.57735026919, 0.57735026919, 0.57735026919), 0.011943909085856),
-    ((0.369602846454, 0.369602846454, 0.852518311701), 0.011110555710603),
-    ((0.189063552885, 0.694354006603, 0.694354006603), 0.011876501294537),
-    ((0.0, 0.374243039090, 0.927330657151), 0.011812303746904),
-)
+def gauss(n: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Nodes and weights of Gauss and Legendre on [0, 1], each (n,)."""
+    nodes, weights = np.polynomial.legendre.leggauss(n)
+    return tuple(0.5 * nodes + 0.5), tuple(0.5 * weights)
+
+
+# Rays across the angle of a side: 8 in two dimensions, 6 by 6 in three. On [0, 1].
+_EIGHT, _EIGHT_SHARES = gauss(8)
+_SIX, _SIX_SHARES = gauss(6)
 
 # Four nodes along a ray: exact for the default kernel. On [0, 1].
-NODES = wp.constant(wp.vec4(0.06943184420297371, 0.33000947820757187, 0.6699905217924281, 0.9305681557970262))
-NODE_SHARES = wp.constant(wp.vec4(0.17392742256872692, 0.32607257743127305, 0.32607257743127305, 0.17392742256872692))
+NODES, NODE_SHARES = (wp.constant(wp.vec4(*values)) for values in gauss(4))
 
-# The velocity of a point is that of the particle, mirrored: it changes sign at the surface and grows no further.
+# For viscosity the velocity of a point, against the body's, is that of the particle times its own distance from the
+# surface over the particle's, to this much at most.
 STEEPEST = wp.constant(2.0)
 
 # A particle is kept this far off a body, over the spacing: on its surface it would not know on which side it is.
 CLEAR = wp.constant(0.01)
 
+# Bodies this near to each other or to a wall, over the reach of the kernel, touch.
+TOUCH = wp.constant(1.0e-3)
+
 NOTHING = wp.constant(1.0e30)  # distance to what is not there
-
-
-def make_rays(dim: int) -> tuple[np.ndarray, np.ndarray]:
-    """Directions (ray, dim) and the angle [rad or sr] that each stands for (ray,)."""
-    if dim == 2:
-        angle = (np.arange(RAYS_2D) + 0.5) * 2.0 * math.pi / RAYS_2D
-        return np.stack([np.cos(angle), np.sin(angle)], axis=1), np.full(RAYS_2D, 2.0 * math.pi / RAYS_2D)
-    weights = {}
-    for point, weight in _LEBEDEV:
-        for order, signs in product(permutations(point), product((1.0, -1.0), repeat=3)):
-            weights[tuple(sign * x + 0.0 for sign, x in zip(signs, order, strict=True))] = weight
-    rays = np.array(sorted(weights))
-    share = np.array([weights[tuple(ray)] for ray in rays])
-    return rays / np.linalg.norm(rays, axis=1)[:, None], 4.0 * math.pi * share / share.sum()
 
 
 @lru_cache
@@ -68,41 +60,70 @@ def make_bodies(s: Structure) -> SimpleNamespace:
 
     Returns:
         A namespace of Screens (a matrix type: middle and half sides, a row for each body and for its image), screens
-        (fills one), near (whether any body is in reach), Hit and cast (where a ray meets the first body), cushion and
-        keep_out (the safety net at bodies).
+        (fills one), near (whether any body is in reach), patches, rays and others (numbers: of sides that there may be,
+        of rays to one, of bodies and images), patch (a side as the particle sees it), ray (one that meets it), record
+        (of forces), cushion and keep_out (the safety net at bodies).
     """
     dim, n_bodies = s.dim, len(s.balls)
     vec = wp.types.vector(dim, wp.float32)
     flags = wp.types.vector(dim, wp.int32)
     rows = n_bodies * (2 if s.has_images else 1)
     Screens = wp.types.matrix((max(rows, 1), 2 * dim), wp.float32)
+    images = 1 + (dim if "mirror" in s.kinds else 0)
+    eight, eight_shares = wp.types.vector(8, wp.float32)(*_EIGHT), wp.types.vector(8, wp.float32)(*_EIGHT_SHARES)
+    six, six_shares = wp.types.vector(6, wp.float32)(*_SIX), wp.types.vector(6, wp.float32)(*_SIX_SHARES)
     balls = wp.int32(sum(bool(ball) << body for body, ball in enumerate(s.balls)))
     mirrors = wp.int32(sum((kind == "mirror") << face for face, kind in enumerate(s.kinds)))
 
     @wp.struct
-    class Hit:
-        """Where a ray meets a body."""
+    class Patch:
+        """One side of a body, or of the image of a body beyond a wall, as a particle sees it."""
 
-        distance: float
-        normal: vec  # out of the body
-        velocity: vec  # of its surface
-        acceleration: vec
+        seen: bool
+        alone: bool  # nothing else is within reach
         body: int
+        image: int  # 0 is the body itself, 1 + axis its image
+        axis: int  # of the side's normal
+        side: float  # its sign
+        gap: float  # to the plane of the side [m]; from the middle of a ball
+        middle: vec  # from it to the particle [m]
+        half: vec  # half sides [m]
+        low: vec  # of the part within reach, from the particle [m]
+        high: vec
+        velocity: vec
+        acceleration: vec
+
+    @wp.struct
+    class Ray:
+        """A ray from a particle to a patch."""
+
+        direction: vec
+        distance: float  # to the surface [m]; NOTHING where it is not the first body that the ray meets
+        end: float  # of what is filled [m]
+        share: float  # of the angle [rad or sr]
+        normal: vec  # out of the body
 
     @wp.func
-    def screens(world: int, bodies: Bodies, turn: vec, images: vec) -> Screens:
-        """The bodies, and what a mirror query sees of them: their images, too. images holds the mirrored planes."""
+    def screens(world: int, bodies: Bodies, turn: vec, planes: vec, reach: float) -> Screens:
+        """The bodies, and what a mirror query sees of them: their images, too."""
         found = Screens()
         for b in range(wp.static(n_bodies)):
             for k in range(wp.static(dim)):
                 middle = bodies.position[world, b, k]
-                found[b, k] = middle
-                found[b, wp.static(dim) + k] = bodies.half[b, k]
+                half = bodies.half[b, k]
+                image = middle
                 if wp.static(s.has_images):
                     if turn[k] < 0.0:
-                        middle = 2.0 * images[k] - middle
-                    found[wp.static(n_bodies) + b, k] = middle
-                    found[wp.static(n_bodies) + b, wp.static(dim) + k] = bodies.half[b, k]
+                        image = 2.0 * planes[k] - middle
+                        if (balls >> b) & 1 == 0 and wp.abs(wp.abs(middle - planes[k]) - half) < TOUCH * reach:
+                            # It stands on the wall: one box with its image.
+                            middle = planes[k]
+                            image = planes[k]
+                            half = 2.0 * half
+                    found[wp.static(n_bodies) + b, k] = image
+                    found[wp.static(n_bodies) + b, wp.static(dim) + k] = half
+                found[b, k] = middle
+                found[b, wp.static(dim) + k] = half
         return found
 
     @wp.func
@@ -175,37 +196,255 @@ def make_bodies(s: Structure) -> SimpleNamespace:
         return met
 
     @wp.func
-    def cast(x: vec, e: vec, found: flags, world: int, bodies: Bodies, faces: Faces) -> Hit:
-        """Where the ray from x along the unit vector e meets the first body, or the image of one beyond a wall."""
-        hit = Hit()
-        hit.distance = NOTHING
-        for b in range(wp.static(n_bodies)):
-            for image in range(wp.static(1 + dim)):
-                k = image - 1
-                present = bool(True)
-                face = int(0)
-                y = from_middle(x, world, b, bodies)
-                if image > 0:
-                    # A wall within reach shows the body's image; the others are too far away to matter.
-                    face = 2 * k + wp.where(found[k] == 2, 1, 0)
-                    present = found[k] > 0 and (mirrors >> face) & 1 != 0
-                    y[k] = x[k] - 2.0 * faces.position[world, face] + bodies.position[world, b, k]
-                if present:
-                    met = cross(b, y, e, bodies)
-                    if met.at < hit.distance:
-                        hit.distance = met.at
-                        hit.normal = met.normal
-                        hit.body = b
-                        for m in range(wp.static(dim)):
-                            hit.velocity[m] = bodies.velocity[world, b, m]
-                            hit.acceleration[m] = bodies.acceleration[world, b, m]
-                        if image > 0:
-                            hit.velocity[k] = 2.0 * faces.velocity[world, face] - hit.velocity[k]
-                            hit.acceleration[k] = 2.0 * faces.acceleration[world, face] - hit.acceleration[k]
-        if hit.distance < 0.0:
-            hit.distance = 0.0
-            hit.normal = -e
-        return hit
+    def present(image: int, found: flags, world: int, faces: Faces) -> bool:
+        """Whether there is such an image: of a wall within reach. The others are too far away to matter."""
+        if image == 0:
+            return True
+        face = 2 * (image - 1) + wp.where(found[image - 1] == 2, 1, 0)
+        return found[image - 1] > 0 and (mirrors >> face) & 1 != 0
+
+    @wp.func
+    def mirror_plane(image: int, found: flags, world: int, faces: Faces) -> int:
+        """The face that makes an image."""
+        return 2 * (image - 1) + wp.where(found[image - 1] == 2, 1, 0)
+
+    @wp.func
+    def from_image(x: vec, image: int, found: flags, world: int, b: int, bodies: Bodies, faces: Faces) -> vec:
+        """From the middle of a body, or of its image, to x."""
+        y = from_middle(x, world, b, bodies)
+        if image > 0:
+            k = image - 1
+            w = faces.position[world, mirror_plane(image, found, world, faces)]
+            y[k] = x[k] - 2.0 * w + bodies.position[world, b, k]
+        return y
+
+    @wp.struct
+    class Extent:
+        """A body, or its image, from a particle."""
+
+        middle: vec  # from it to the particle [m]
+        half: vec  # half sides [m]
+        flush: bool  # an image that its body touches: the two are one box, which stands for both
+
+    @wp.func
+    def extent(
+        x: vec, image: int, found: flags, world: int, b: int, bodies: Bodies, faces: Faces, reach: float
+    ) -> Extent:
+        """Where a body is, one with its images where it stands on a wall."""
+        it = Extent()
+        it.middle = from_image(x, image, found, world, b, bodies, faces)
+        for k in range(wp.static(dim)):
+            it.half[k] = bodies.half[b, k]
+        if wp.static(images > 1):
+            if (balls >> b) & 1 == 0:
+                for k in range(wp.static(dim)):
+                    if present(1 + k, found, world, faces):
+                        w = faces.position[world, mirror_plane(1 + k, found, world, faces)]
+                        if wp.abs(wp.abs(bodies.position[world, b, k] - w) - bodies.half[b, k]) < TOUCH * reach:
+                            if image == 1 + k:
+                                it.flush = True
+                            it.middle[k] = x[k] - w
+                            it.half[k] = 2.0 * bodies.half[b, k]
+        return it
+
+    @wp.struct
+    class Passage:
+        """Where a ray goes into a box or ball and where it leaves; begins at NOTHING where it misses."""
+
+        begins: float
+        ends: float  # NOTHING where all behind is in shadow
+
+    @wp.func
+    def passage(b: int, y: vec, half: vec, e: vec, reach: float) -> Passage:
+        """The way through a body at y from its middle along the unit vector e."""
+        it = Passage()
+        it.begins = NOTHING
+        if (balls >> b) & 1 != 0:
+            ye = wp.dot(y, e)
+            rest = ye * ye - wp.dot(y, y) + half[0] * half[0]
+            if rest > 0.0 and wp.sqrt(rest) > ye:
+                it.begins = -ye - wp.sqrt(rest)
+                it.ends = -ye + wp.sqrt(rest)
+                if 2.0 * half[0] < reach:
+                    it.ends = NOTHING
+            return it
+        t_in = float(-NOTHING)
+        t_out = float(NOTHING)
+        axis_in = int(-1)
+        axis_out = int(-2)
+        for k in range(wp.static(dim)):
+            inverse = 1.0 / wp.where(wp.abs(e[k]) < 1.0e-20, 1.0e-20, e[k])
+            t_1 = wp.min((-half[k] - y[k]) * inverse, (half[k] - y[k]) * inverse)
+            t_2 = wp.max((-half[k] - y[k]) * inverse, (half[k] - y[k]) * inverse)
+            if t_1 > t_in:
+                t_in = t_1
+                axis_in = k
+            if t_2 < t_out:
+                t_out = t_2
+                axis_out = k
+        if t_in < t_out and t_out > 0.0:
+            it.begins = t_in
+            it.ends = wp.where(axis_in == axis_out, NOTHING, t_out)
+        return it
+
+    @wp.func
+    def alone(
+        x: vec, body: int, body_image: int, found: flags, world: int, bodies: Bodies, faces: Faces, reach: float
+    ) -> bool:
+        """Whether no other body or image is within reach."""
+        for n in range(bodies.others):
+            b = n // wp.static(images)
+            image = n % wp.static(images)
+            if b != body or image != body_image:
+                if present(image, found, world, faces):
+                    other = extent(x, image, found, world, b, bodies, faces, reach)
+                    gap = float(0.0)
+                    for k in range(wp.static(dim)):
+                        beyond = wp.max(wp.abs(other.middle[k]) - other.half[k], 0.0)
+                        gap += beyond * beyond
+                    if gap < reach * reach and not other.flush:
+                        return False
+        return True
+
+    @wp.func
+    def patch(n: int, x: vec, found: flags, world: int, bodies: Bodies, faces: Faces, reach: float) -> Patch:
+        """The n-th of the sides that there may be."""
+        it = Patch()
+        it.axis = n % wp.static(dim)
+        it.image = (n // wp.static(dim)) % wp.static(images)
+        it.body = n // wp.static(dim * images)
+        if not present(it.image, found, world, faces):
+            return it
+        whole = extent(x, it.image, found, world, it.body, bodies, faces, reach)
+        if whole.flush:
+            return it
+        y = whole.middle
+        it.middle = y
+        it.half = whole.half
+        if (balls >> it.body) & 1 != 0:
+            it.gap = wp.length(y)
+            it.low = y
+            it.seen = it.axis == 0 and it.gap > bodies.half[it.body, 0] and it.gap - bodies.half[it.body, 0] < reach
+        else:
+            it.side = wp.where(y[it.axis] < 0.0, -1.0, 1.0)
+            it.gap = wp.abs(y[it.axis]) - it.half[it.axis]
+            it.seen = it.gap > 0.0 and it.gap < reach
+            across = wp.sqrt(wp.max(reach * reach - it.gap * it.gap, 0.0))
+            for k in range(wp.static(dim)):
+                if k != it.axis:
+                    it.low[k] = wp.max(-it.half[k] - y[k], -across)
+                    it.high[k] = wp.min(it.half[k] - y[k], across)
+                    if it.low[k] >= it.high[k]:
+                        it.seen = False
+        it.alone = True
+        if wp.static(n_bodies * images > 1):
+            if it.seen:
+                it.alone = alone(x, it.body, it.image, found, world, bodies, faces, reach)
+        for k in range(wp.static(dim)):
+            it.velocity[k] = bodies.velocity[world, it.body, k]
+            it.acceleration[k] = bodies.acceleration[world, it.body, k]
+        if it.image > 0:
+            k = it.image - 1
+            face = mirror_plane(it.image, found, world, faces)
+            it.velocity[k] = 2.0 * faces.velocity[world, face] - it.velocity[k]
+            it.acceleration[k] = 2.0 * faces.acceleration[world, face] - it.acceleration[k]
+        return it
+
+    @wp.func
+    def ray_to_box(n: int, p: Patch, reach: float) -> Ray:
+        """The n-th ray to a side of a box: equal steps of the angle, so that the solid angle is exact."""
+        it = Ray()
+        it.normal[p.axis] = p.side
+        gap = wp.max(p.gap, 1.0e-9 * reach)
+        if wp.static(dim == 2):
+            m = 1 - p.axis
+            first = wp.atan2(p.low[m], gap)
+            width = wp.atan2(p.high[m], gap) - first
+            angle = first + width * eight[n]
+            it.share = width * eight_shares[n]
+            it.direction[p.axis] = -p.side * wp.cos(angle)
+            it.direction[m] = wp.sin(angle)
+            it.distance = gap / wp.cos(angle)
+        else:
+            m = (p.axis + 1) % 3
+            k = (p.axis + 2) % 3
+            row = n // 6
+            column = n % 6
+            first = wp.atan2(p.low[m], gap)
+            width = wp.atan2(p.high[m], gap) - first
+            alpha = first + width * six[row]
+            share = width * six_shares[row]
+            far = gap / wp.cos(alpha)
+            across = wp.sqrt(wp.max(reach * reach - far * far, 0.0))
+            low = wp.atan2(wp.max(p.low[k], -across), far)
+            high = wp.atan2(wp.min(p.high[k], across), far)
+            beta = low + (high - low) * six[column]
+            it.share = share * wp.max(high - low, 0.0) * six_shares[column] * wp.cos(beta)
+            it.direction[p.axis] = -p.side * wp.cos(alpha) * wp.cos(beta)
+            it.direction[m] = wp.sin(alpha) * wp.cos(beta)
+            it.direction[k] = wp.sin(beta)
+            it.distance = far / wp.cos(beta)
+        return it
+
+    @wp.func
+    def ray_to_ball(n: int, p: Patch, radius: float) -> Ray:
+        """The n-th ray to a ball: equal steps of the angle about its middle in which the surface is met."""
+        it = Ray()
+        y = p.low
+        inward = -y / p.gap
+        widest = radius / p.gap  # sine of the angle under which the ball is seen
+        if wp.static(dim == 2):
+            psi = (eight[n] - 0.5) * wp.pi
+            sine = widest * wp.sin(psi)
+            cosine = wp.sqrt(1.0 - sine * sine)
+            it.share = wp.pi * eight_shares[n] * widest * wp.cos(psi) / cosine
+            it.direction[0] = inward[0] * cosine - inward[1] * sine
+            it.direction[1] = inward[1] * cosine + inward[0] * sine
+            it.distance = p.gap * cosine - radius * wp.cos(psi)
+        else:
+            psi = 0.5 * wp.pi * six[n // 6]
+            phi = wp.pi / 3.0 * (float(n % 6) + 0.5)
+            sine = widest * wp.sin(psi)
+            cosine = wp.sqrt(1.0 - sine * sine)
+            a = vec()
+            a[wp.where(wp.abs(inward[0]) < 0.6, 0, 1)] = 1.0
+            a = wp.normalize(a - wp.dot(a, inward) * inward)
+            b = wp.cross(inward, a)
+            it.share = wp.pi / 3.0 * 0.5 * wp.pi * six_shares[n // 6] * sine * widest * wp.cos(psi) / cosine
+            it.direction = cosine * inward + sine * (wp.cos(phi) * a + wp.sin(phi) * b)
+            it.distance = p.gap * cosine - radius * wp.cos(psi)
+        it.normal = (y + it.distance * it.direction) / radius
+        return it
+
+    @wp.func
+    def ray(n: int, p: Patch, x: vec, found: flags, world: int, bodies: Bodies, faces: Faces, reach: float) -> Ray:
+        """The n-th ray to a patch."""
+        it = Ray()
+        if (balls >> p.body) & 1 != 0:
+            it = ray_to_ball(n, p, bodies.half[p.body, 0])
+        else:
+            it = ray_to_box(n, p, reach)
+        if it.distance < reach:
+            own = passage(p.body, p.middle, p.half, it.direction, reach)
+            it.end = wp.where(own.begins < NOTHING, own.ends, it.distance)
+            if not p.alone:
+                # Twice, so that a ray may go through two more bodies that touch.
+                for again in range(2 * bodies.others):
+                    b = (again // wp.static(images)) % wp.static(n_bodies)
+                    image = again % wp.static(images)
+                    if b != p.body or image != p.image:
+                        if present(image, found, world, faces):
+                            other = extent(x, image, found, world, b, bodies, faces, reach)
+                            if not other.flush:
+                                way = passage(b, other.middle, other.half, it.direction, reach)
+                                if way.begins < it.distance:
+                                    # In front of this one; or beside it, and then only one of the two fills.
+                                    if way.begins > -0.5 * reach:
+                                        it.distance = NOTHING
+                                elif way.begins <= it.end + TOUCH * reach and way.ends > it.end:
+                                    it.end = way.ends
+            it.end = wp.min(it.end, reach)
+        return it
 
     @wp.func
     def record(value: vec, world: int, b: int, forces: wp.array3d[wp.int64], c: Constants):
@@ -276,11 +515,15 @@ def make_bodies(s: Structure) -> SimpleNamespace:
 
     return SimpleNamespace(
         Screens=Screens,
-        Hit=Hit,
-        rows=rows,
+        Patch=Patch,
+        Ray=Ray,
+        patches=n_bodies * images * dim,
+        rays=8 if dim == 2 else 36,
+        others=n_bodies * images,
         screens=screens,
         near=near,
-        cast=cast,
+        patch=patch,
+        ray=ray,
         record=record,
         cushion=cushion,
         keep_out=keep_out,

@@ -5,8 +5,8 @@ their place alone. Each row of a pipe keeps count of the way it has gone since i
 adds one each time that is a spacing, from the world's retired particles. Its density is that of the fluid beyond the
 nozzle, mirrored at the end of the pipe, so a jet leaves without pressure and a channel has what its flow needs.
 
-An outflow with a direction carries a particle through at the velocity it entered with; its density is given, or that of
-the fluid ahead, mirrored at the entrance. An outflow without retires it at once.
+An outflow with a direction carries a particle through at the velocity it entered with and a given density. An outflow
+without retires it at once.
 """
 
 from functools import lru_cache
@@ -47,15 +47,14 @@ def make_carriers(s: Structure) -> SimpleNamespace:
 
         how: int  # FREE, IN_PIPE, IN_OUTFLOW or GONE
         velocity: vec  # of a pipe's fluid
-        mirror: vec  # where the density is taken from
-        held: float  # density error held, NaN where it is that of the mirror place
+        mirror: vec  # where a pipe's density is taken from
+        held: float  # density error of an outflow
         number: int
 
     @wp.func
     def carried(x: vec, world: int, nozzles: Nozzles, outflows: Drains, c: Constants) -> Carried:
         """How the place x carries fluid."""
         found = Carried()
-        found.held = wp.nan
         found.mirror = x
         if wp.static(pipes > 0):
             for n in range(wp.static(pipes)):
@@ -96,12 +95,10 @@ def make_carriers(s: Structure) -> SimpleNamespace:
                     found.how = GONE
                     axis = outflows.axis[n]
                     if axis >= 0:
-                        entrance = wp.where(outflows.sign[n] > 0.0, outflows.lower[n, axis], outflows.upper[n, axis])
                         end = wp.where(outflows.sign[n] > 0.0, outflows.upper[n, axis], outflows.lower[n, axis])
-                        if wp.abs(end - x[axis]) > 0.5 * c.spacing:
+                        if wp.abs(end - x[axis]) > 0.25 * c.spacing:
                             found.how = IN_OUTFLOW
                             found.held = outflows.field[n]
-                            found.mirror[axis] = 2.0 * entrance - x[axis]
         return found
 
     return SimpleNamespace(Carried=Carried, carried=carried)

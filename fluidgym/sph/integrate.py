@@ -231,7 +231,7 @@ def make_advance_density(s: Structure) -> wp.Kernel:
                 how = place.how
                 if how != FREE:
                     error = place.held
-                    if not wp.isfinite(error):
+                    if how == IN_PIPE:
                         mean = mean_loop(
                             place.mirror, u, 0.0, 0.0, vec(), vec(1.0), world * grid.stride, c.support, position,
                             velocity, density_error, bounds, grid, c,
@@ -247,7 +247,9 @@ def make_advance_density(s: Structure) -> wp.Kernel:
                     error = c.density_unit * c.volume * sum[0] - 1.0
                 else:
                     error += c.dt * c.volume * sum[0]
-                    company = c.volume * c.h * c.h * (sum[1] + slope(0.0, c))  # the particle itself does not count
+                    # The particle itself does not count. Where there is no other either, walls do not pull on it.
+                    itself = slope(0.0, c)
+                    company = c.volume * c.h * c.h * (wp.where(error < 0.0, sum[2], sum[1]) + itself)
                     error *= wp.clamp(company / SPRAY_COMPANY, 0.0, 1.0)
             if wp.static(steps.closing_drift > 0.0):
                 x_0 = x

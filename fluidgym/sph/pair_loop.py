@@ -84,14 +84,16 @@ def _screen_lines(dim: int, balls: tuple[bool, ...]) -> tuple[list[str], list[st
         for k in axes
     ]
     lines = ["bool hidden = false;", "const float x_x = 1e-20f + " + " + ".join(f"x{k} * x{k}" for k in axes) + ";"]
-    # The line is X - t x with t in 0 .. 1. A box is between where all its slabs overlap; a ball where it comes near.
+    # The line is X - t x with t in 0 .. 1. A box is between where all its slabs overlap, and hides where the line goes
+    # in and out by opposite sides; a ball is between where it comes near, and hides if it is small.
     lines += [f"const float n{k} = 1.0f / x{k};" for k in axes if not all(balls)]
     for row, ball in enumerate(balls):
         if ball:
             along = " + ".join(f"A{row}_{k} * x{k}" for k in axes)
             lines.append(f"const float t{row} = wp::min(wp::max(({along}) / x_x, 0.0f), 1.0f);")
             gaps = [f"(A{row}_{k} - t{row} * x{k})" for k in axes]
-            lines.append(f"hidden |= {' + '.join(f'{gap} * {gap}' for gap in gaps)} < H{row}_0 * H{row}_0;")
+            lines.append(f"hidden |= ({' + '.join(f'{gap} * {gap}' for gap in gaps)} < H{row}_0 * H{row}_0)")
+            lines.append(f"& (2.0f * H{row}_0 < c.support);")
             continue
         near, far = [], []
         for k in axes:
@@ -103,7 +105,8 @@ def _screen_lines(dim: int, balls: tuple[bool, ...]) -> tuple[list[str], list[st
         for k in axes[1:]:
             first, last = f"wp::max({first}, {near[k]})", f"wp::min({last}, {far[k]})"
         lines.append(f"const float i{row} = {first}, o{row} = {last};")
-        lines.append(f"hidden |= (i{row} < o{row}) & (o{row} > 0.0f) & (i{row} < 1.0f);")
+        through = " | ".join(f"(({a} == i{row}) & ({b} == o{row}))" for a, b in zip(near, far, strict=True))
+        lines.append(f"hidden |= (i{row} < o{row}) & (o{row} > 0.0f) & (i{row} < 1.0f) & ({through});")
     return before, lines
 
 
@@ -266,7 +269,7 @@ def _plain_loop(
     balls = wp.int32(sum(bool(ball) << row for row, ball in enumerate(screen)))
 
     @wp.func
-    def hides(X: vec, x: vec, screens: Screens) -> bool:
+    def hides(X: vec, x: vec, screens: Screens, c: Constants) -> bool:
         """Whether a body comes between X and X - x."""
         hidden = bool(False)
         for row in range(wp.static(len(screen))):
@@ -275,18 +278,27 @@ def _plain_loop(
                 for k in range(wp.static(dim)):
                     A[k] = X[k] - screens[row, k]
                 t = wp.clamp(wp.dot(A, x) / (wp.dot(x, x) + 1.0e-20), 0.0, 1.0)
-                if wp.length(A - t * x) < screens[row, wp.static(dim)]:
+                if (
+                    wp.length(A - t * x) < screens[row, wp.static(dim)]
+                    and 2.0 * screens[row, wp.static(dim)] < c.support
+                ):
                     hidden = True
             else:
+                side_in = int(0)
+                side_out = int(0)
                 t_in = float(-1.0e30)
                 t_out = float(1.0e30)
                 for k in range(wp.static(dim)):
                     A_k = X[k] - screens[row, k]
                     t_1 = (A_k - screens[row, wp.static(dim) + k]) / x[k]
                     t_2 = (A_k + screens[row, wp.static(dim) + k]) / x[k]
-                    t_in = wp.max(t_in, wp.min(t_1, t_2))
-                    t_out = wp.min(t_out, wp.max(t_1, t_2))
-                if t_in < t_out and t_out > 0.0 and t_in < 1.0:
+                    if wp.min(t_1, t_2) > t_in:
+                        t_in = wp.min(t_1, t_2)
+                        side_in = k
+                    if wp.max(t_1, t_2) < t_out:
+                        t_out = wp.max(t_1, t_2)
+                        side_out = k
+                if t_in < t_out and t_out > 0.0 and t_in < 1.0 and side_in == side_out:
                     hidden = True
         return hidden
 
@@ -338,7 +350,7 @@ def _plain_loop(
                         if wp.static(force and tilted):
                             a_j = wp.max(a_j, lowest)
                         if wp.static(len(screen) > 0):
-                            seen = not hides(X, x, screens)
+                            seen = not hides(X, x, screens, c)
                         r = wp.length(x)
                         w = slope(r, c)
                         f = term(r, xu, w, a, a_j, c)

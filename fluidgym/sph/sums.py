@@ -24,9 +24,9 @@ def _screen(s: Structure) -> tuple[bool, ...]:
 
 
 @wp.func
-def point_volume(hit: float, m: int, share: float, dim: int, c: Constants) -> wp.vec2:
-    """Distance [m] of the m-th dummy point of a ray that is in shadow from `hit` on, and its share of a volume."""
-    depth = c.support - hit
+def point_volume(hit: float, end: float, m: int, share: float, dim: int, c: Constants) -> wp.vec2:
+    """Distance [m] of the m-th dummy point of a ray that is filled from `hit` to `end`, and its share of a volume."""
+    depth = end - hit
     r = hit + depth * NODES[m]
     area = r
     if dim == 3:
@@ -36,13 +36,13 @@ def point_volume(hit: float, m: int, share: float, dim: int, c: Constants) -> wp
 
 @lru_cache
 def make_density_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
-    """The first sweep's sum: (of the density terms, of -W'/r), over V; and the function that emits the terms."""
+    """The first sweep's sum: (of the density terms, of -W'/r, of that over particles alone), over V; and emit_terms."""
     dim, tilted = s.dim, s.gravity or s.has_walls
     vec = wp.types.vector(dim, wp.float32)
     flags = wp.types.vector(dim, wp.int32)
     images, solids, slope = make_images(s), make_bodies(s), s.slope
     near, count, query, near_bare = images.near, images.count, images.query, images.near_bare
-    near_body, cast, screens = solids.near, solids.cast, solids.screens
+    near_body, patch, ray, screens = solids.near, solids.patch, solids.ray, solids.screens
     loop, emit_terms = make_pair_loop(dim, s.density_terms, slope, False, tilted, plain=s.plain)
     screened, _ = make_pair_loop(dim, s.density_terms, slope, False, tilted, plain=s.plain, screen=_screen(s))
     term = total(tuple(bound(term, dim) for term in s.density_terms))
@@ -53,19 +53,18 @@ def make_density_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
     ) -> wp.vec2:
         """The sum over the dummy points behind bodies."""
         sum = wp.vec2(0.0, 0.0)
-        for ray in range(bodies.ray.shape[0]):
-            e = vec()
-            for k in range(wp.static(dim)):
-                e[k] = bodies.ray[ray, k]
-            hit = cast(x, e, found, world, bodies, faces)
-            if hit.distance < c.support:
-                closing = wp.dot(u - hit.velocity, hit.normal) * wp.dot(hit.normal, e)
-                for m in range(4):
-                    point = point_volume(hit.distance, m, bodies.ray_share[ray], wp.static(dim), c)
-                    r = point[0]
-                    grown = wp.min(r / wp.max(hit.distance, 1.0e-12), STEEPEST)
-                    w = slope(r, c)
-                    sum += point[1] * wp.vec2(term(r, -r * grown * closing, w, a, a, c), -w)
+        for n in range(bodies.patches):
+            it = patch(n, x, found, world, bodies, faces, c.support)
+            if it.seen:
+                for k in range(bodies.rays):
+                    hit = ray(k, it, x, found, world, bodies, faces, c.support)
+                    if hit.distance < c.support:
+                        closing = 2.0 * wp.dot(u - it.velocity, hit.direction)
+                        for m in range(4):
+                            point = point_volume(hit.distance, hit.end, m, hit.share, wp.static(dim), c)
+                            r = point[0]
+                            w = slope(r, c)
+                            sum += point[1] * wp.vec2(term(r, -r * closing, w, a, a, c), -w)
         return sum
 
     @wp.func
@@ -73,8 +72,9 @@ def make_density_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
         x: vec, u: vec, a: float, g: vec, world: int, reach: float, faces: Faces, bodies: Bodies, frozen: Frozen,
         frozen_grid: Grid, position: wp.array2d[float], velocity: wp.array2d[float], field: wp.array[float],
         bounds: wp.array[int], grid: Grid, c: Constants,
-    ) -> wp.vec2:  # fmt: skip
+    ) -> wp.vec3:  # fmt: skip
         sum = wp.vec2(0.0, 0.0)
+        in_sight = float(0.0)  # what other particles weigh, without images and bodies
         one = vec(1.0)
         tilt = c.inv_c_0_squared * g
         first_cell = world * grid.stride
@@ -90,22 +90,25 @@ def make_density_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
                     if shaded:
                         sum += screened(
                             q.position, q.velocity, a, q.offset, q.density_tilt, one, first_cell, reach, position,
-                            velocity, field, bounds, grid, c, screens(world, bodies, q.turn, q.plane),
+                            velocity, field, bounds, grid, c, screens(world, bodies, q.turn, q.plane, c.support),
                         )  # fmt: skip
                 if not shaded:
                     sum += loop(
                         q.position, q.velocity, a, q.offset, q.density_tilt, one, first_cell, reach, position,
                         velocity, field, bounds, grid, c,
                     )  # fmt: skip
+                if n == 0:
+                    in_sight = sum[1]
         else:
             if wp.static(len(s.balls) > 0):
                 if shaded:
                     sum += screened(
                         x, u, a, 0.0, tilt, one, first_cell, reach, position, velocity, field, bounds, grid, c,
-                        screens(world, bodies, one, x),
+                        screens(world, bodies, one, x, c.support),
                     )  # fmt: skip
             if not shaded:
                 sum += loop(x, u, a, 0.0, tilt, one, first_cell, reach, position, velocity, field, bounds, grid, c)
+            in_sight = sum[1]
         if wp.static(len(s.balls) > 0):
             if shaded:
                 sum += shadow(x, u, a, found, world, faces, bodies, c)
@@ -115,7 +118,7 @@ def make_density_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
                     x, u, a, 0.0, vec(), one, 0, reach, frozen.position, frozen.velocity, frozen.field,
                     frozen.bounds, frozen_grid, c,
                 )  # fmt: skip
-        return sum
+        return wp.vec3(sum[0], sum[1], in_sight)
 
     return density_sum, emit_terms
 
@@ -130,9 +133,8 @@ def make_force_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
     sticky = wp.int32(sum(bool(stick) << body for body, stick in enumerate(s.no_slip_bodies)))
     images, solids, slope = make_images(s), make_bodies(s), s.slope
     near, count, query, near_bare = images.near, images.count, images.query, images.near_bare
-    near_body, cast, screens, record_face, record_body = (
-        solids.near, solids.cast, solids.screens, images.record, solids.record,
-    )  # fmt: skip
+    near_body, patch, ray, screens = solids.near, solids.patch, solids.ray, solids.screens
+    record_face, record_body = images.record, solids.record
     loop, emit_terms = make_pair_loop(dim, s.force_terms, slope, True, tilted, signed, s.plain)
     screened, _ = make_pair_loop(dim, s.force_terms, slope, True, tilted, signed, s.plain, _screen(s))
     drags = tuple(bound(term, dim) for term in s.force_terms if isinstance(term, Drag))
@@ -147,33 +149,34 @@ def make_force_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
         """The sum over the dummy points behind bodies."""
         sum = vec()
         of_body = Forces()
-        for ray in range(bodies.ray.shape[0]):
-            e = vec()
-            for k in range(wp.static(dim)):
-                e[k] = bodies.ray[ray, k]
-            hit = cast(x, e, found, world, bodies, faces)
-            if hit.distance < c.support:
-                # The fluid follows the body along its normal only, and so does the pressure.
-                pushed = wp.dot(hit.acceleration, hit.normal) * wp.dot(hit.normal, e)
-                pull = (wp.dot(g, e) - pushed) * c.inv_c_0_squared
-                seen = u - hit.velocity
-                if (sticky >> hit.body) & 1 == 0:
-                    seen = wp.dot(seen, hit.normal) * hit.normal
+        for n in range(bodies.patches):
+            it = patch(n, x, found, world, bodies, faces, c.support)
+            if it.seen:
                 part = vec()
-                for m in range(4):
-                    point = point_volume(hit.distance, m, bodies.ray_share[ray], wp.static(dim), c)
-                    r = point[0]
-                    v = seen * wp.min(r / wp.max(hit.distance, 1.0e-12), STEEPEST)
-                    a_m = wp.max(a + pull * r, wp.min(a, 0.0))
-                    w = slope(r, c)
-                    xu = -r * wp.dot(e, v)
-                    part -= (point[1] * r * force(r, xu, w, a, a_m, c)) * e
-                    if wp.static(len(drags) > 0):
-                        part += (point[1] * drag(r, xu, w, a, a_m, c)) * v
+                for k in range(bodies.rays):
+                    hit = ray(k, it, x, found, world, bodies, faces, c.support)
+                    if hit.distance < c.support:
+                        e = hit.direction
+                        # The fluid follows the body along its normal only, and so does the pressure.
+                        pushed = wp.dot(it.acceleration, hit.normal) * wp.dot(hit.normal, e)
+                        pull = (wp.dot(g, e) - pushed) * c.inv_c_0_squared
+                        slip = u - it.velocity
+                        if (sticky >> it.body) & 1 == 0:
+                            slip = wp.dot(slip, hit.normal) * hit.normal
+                        for m in range(4):
+                            point = point_volume(hit.distance, hit.end, m, hit.share, wp.static(dim), c)
+                            r = point[0]
+                            v = slip * wp.min(r / wp.max(hit.distance, 1.0e-12), STEEPEST)
+                            a_m = wp.max(a + pull * r, wp.min(a, 0.0))
+                            w = slope(r, c)
+                            xu = -r * wp.dot(e, v)
+                            part -= (point[1] * r * force(r, xu, w, a, a_m, c)) * e
+                            if wp.static(len(drags) > 0):
+                                part += (point[1] * drag(r, xu, w, a, a_m, c)) * v
                 sum += part
                 if wp.static(s.forces):
                     for k in range(wp.static(dim)):
-                        of_body[hit.body, k] += part[k]
+                        of_body[it.body, k] += part[k]
         if wp.static(s.forces):
             for b in range(wp.static(n_bodies)):
                 value = vec()
@@ -204,7 +207,8 @@ def make_force_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
                     if shaded:
                         f = screened(
                             q.position, q.viscous_velocity, a, q.offset, q.pressure_tilt, q.viscous_turn, first_cell,
-                            reach, position, velocity, field, bounds, grid, c, screens(world, bodies, q.turn, q.plane),
+                            reach, position, velocity, field, bounds, grid, c,
+                            screens(world, bodies, q.turn, q.plane, c.support),
                         )  # fmt: skip
                 if not shaded:
                     f = loop(
@@ -219,7 +223,7 @@ def make_force_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
                 if shaded:
                     sum += screened(
                         x, u, a, 0.0, vec(), one, first_cell, reach, position, velocity, field, bounds, grid, c,
-                        screens(world, bodies, one, x),
+                        screens(world, bodies, one, x, c.support),
                     )  # fmt: skip
             if not shaded:
                 sum += loop(x, u, a, 0.0, vec(), one, first_cell, reach, position, velocity, field, bounds, grid, c)
@@ -250,7 +254,7 @@ def make_heat_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
     warm = wp.int32(sum(bool(own) << body for body, own in enumerate(s.warm_bodies)))
     images, solids, slope = make_images(s), make_bodies(s), s.slope
     near, count, query = images.near, images.count, images.query
-    near_body, cast, screens = solids.near, solids.cast, solids.screens
+    near_body, patch, ray, screens = solids.near, solids.patch, solids.ray, solids.screens
     loop, emit_terms = make_pair_loop(dim, (CONDUCTION,), slope, False, False, plain=s.plain)
     screened, _ = make_pair_loop(dim, (CONDUCTION,), slope, False, False, plain=s.plain, screen=_screen(s))
     term = CONDUCTION.function
@@ -259,18 +263,18 @@ def make_heat_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
     def shadow(x: vec, a: float, found: flags, world: int, faces: Faces, bodies: Bodies, c: Constants) -> float:
         """The sum over the dummy points behind bodies: linear from the particle through the surface."""
         sum = float(0.0)
-        for ray in range(bodies.ray.shape[0]):
-            e = vec()
-            for k in range(wp.static(dim)):
-                e[k] = bodies.ray[ray, k]
-            hit = cast(x, e, found, world, bodies, faces)
-            if hit.distance < c.support and (warm >> hit.body) & 1 != 0:
-                for m in range(4):
-                    point = point_volume(hit.distance, m, bodies.ray_share[ray], wp.static(dim), c)
-                    r = point[0]
-                    grown = wp.min(r / wp.max(hit.distance, 1.0e-12), STEEPEST)
-                    a_m = a - grown * (a - bodies.temperature[hit.body])
-                    sum += point[1] * term(r, 0.0, slope(r, c), a, a_m, c)
+        for n in range(bodies.patches):
+            it = patch(n, x, found, world, bodies, faces, c.support)
+            if it.seen and (warm >> it.body) & 1 != 0:
+                for k in range(bodies.rays):
+                    hit = ray(k, it, x, found, world, bodies, faces, c.support)
+                    if hit.distance < c.support:
+                        for m in range(4):
+                            point = point_volume(hit.distance, hit.end, m, hit.share, wp.static(dim), c)
+                            r = point[0]
+                            grown = wp.min(r / wp.max(hit.distance, 1.0e-12), STEEPEST)
+                            a_m = a - grown * (a - bodies.temperature[it.body])
+                            sum += point[1] * term(r, 0.0, slope(r, c), a, a_m, c)
         return sum
 
     @wp.func
@@ -295,7 +299,7 @@ def make_heat_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
                 if shaded:
                     part = screened(
                         q.position, zero, q.flip * (a - q.shift), 0.0, zero, one, first_cell, reach, position,
-                        velocity, temperature, bounds, grid, c, screens(world, bodies, q.turn, q.plane),
+                        velocity, temperature, bounds, grid, c, screens(world, bodies, q.turn, q.plane, c.support),
                     )  # fmt: skip
             if not shaded:
                 part = loop(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,9 @@ Records = dict[str, np.ndarray]
 
 # Steps handed to the solver at once: long enough that handing over costs nothing, short enough for a live progress bar.
 STEPS_AT_ONCE = 16
+
+# The same where a case drives the controls, which change linearly over each such piece: short, so as to follow a sine.
+STEPS_DRIVEN = 4
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,10 @@ class Case:
         target: Limits that a run must keep, {resolution: {error: limit}}, each from that resolution on.
         goal: Limits to strive for, likewise.
         scheme: How it is simulated.
+        drive: (solver, time [s]) -> None, called before every few steps: sets the controls to what they are to be at
+            the end of those steps, that is, at that time.
+        parts: Cases by name that are run one after another in place of this one, which only adds the target and the
+            goal for the errors of all of them; their instants are the same.
     """
 
     name: str
@@ -52,6 +59,8 @@ class Case:
     target: Mapping[int, Limits] = field(default_factory=dict)
     goal: Mapping[int, Limits] = field(default_factory=dict)
     scheme: Scheme = DEFAULT_SCHEME
+    drive: Callable[[Solver, float], None] | None = None
+    parts: Mapping[str, Case] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -126,6 +135,13 @@ def run(
     """
     if dim not in case.resolutions:
         raise ValueError(f"{case.name} has no {dim}D variant; use dim = {' or '.join(map(str, case.resolutions))}")
+    if case.parts:
+        share = 1.0 / len(case.parts)
+        found = {
+            name: run(part, resolution, dim, device, end, scheme, lambda duration: progress(share * duration))
+            for name, part in case.parts.items()
+        }
+        return _joined(case, found)
     end = case.end if end is None else end
     times = case.times[case.times <= end * (1 + 1e-9)]
     if not len(times):
@@ -133,7 +149,7 @@ def run(
     started = time.perf_counter()
     scene = case.scene(resolution, dim)
     solver = Solver(scene, scheme or case.scheme, device=device)
-    for n in (STEPS_AT_ONCE, 1):  # these two are captured once, and used from here on
+    for n in (STEPS_DRIVEN if case.drive else STEPS_AT_ONCE, 1):  # these two are captured once, and used from here on
         solver.step(n)
     solver.reset()
     wp.synchronize_device(solver.device)
@@ -142,7 +158,7 @@ def run(
     observed = [case.observe(solver)]
     steps, wall_s = 0, 0.0
     for last, now in zip([0.0, *times], times, strict=False):
-        taken, seconds = _go_on(solver, now - last, progress)
+        taken, seconds = _go_on(solver, now - last, progress, case.drive)
         steps, wall_s = steps + taken, wall_s + seconds
         observed.append(case.observe(solver))
     times = np.concatenate([[0.0], times])
@@ -164,14 +180,39 @@ def run(
     )
 
 
-def _go_on(solver: Solver, duration: float, progress: Callable[[float], object]) -> tuple[int, float]:
+def _joined(case: Case, parts: Mapping[str, Result]) -> Result:
+    """The results of a case's parts as one: errors together, steps and times added up, particles of the largest."""
+    results = list(parts.values())
+    return replace(
+        results[0],
+        case=case.name,
+        particles=max(result.particles for result in results),
+        steps=sum(result.steps for result in results),
+        wall_s=sum(result.wall_s for result in results),
+        setup_s=sum(result.setup_s for result in results),
+        errors={name: error for result in results for name, error in result.errors.items()},
+        target=limits_at(results[0].resolution, case.target),
+        goal=limits_at(results[0].resolution, case.goal),
+        records={f"{part}_{name}": kept for part, result in parts.items() for name, kept in result.records.items()},
+    )
+
+
+def _go_on(
+    solver: Solver,
+    duration: float,
+    progress: Callable[[float], object],
+    drive: Callable[[Solver, float], None] | None,
+) -> tuple[int, float]:
     """Advance by a duration [s] in equal steps; return their number and how long they took [s]."""
     steps = solver.steps_for(duration)
     dt = duration / steps
     seconds = 0.0
-    full, rest = divmod(steps, STEPS_AT_ONCE)
-    for n in [STEPS_AT_ONCE] * full + [1] * rest:
+    at_once = STEPS_DRIVEN if drive else STEPS_AT_ONCE
+    full, rest = divmod(steps, at_once)
+    for n in [at_once] * full + [1] * rest:
         started = time.perf_counter()
+        if drive:
+            drive(solver, float(solver.time[0]) + n * dt)
         solver.step(n, dt)
         wp.synchronize_device(solver.device)
         seconds += time.perf_counter() - started
