@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from fluidgym.scene import AXES, LEAST_MACH_MARGIN, Ball, Face, Scene, face_name
 from fluidgym.scheme import Scheme
 from fluidgym.sph.bodies import make_bodies
 from fluidgym.sph.neighbors import Grid, make_grid
-from fluidgym.sph.smoothing import POLY6
+from fluidgym.sph.smoothing import POLY6, SmoothingKernel
 from fluidgym.sph.structure import Structure
 from fluidgym.sph.wall_models import ClampWalls, FrozenWalls, MirrorWalls, PenaltyWalls
 from fluidgym.state import PADDING, Drains, Frozen, Nozzles
@@ -95,6 +96,8 @@ class Parameters:
         support, c_0 = scheme.kernel.support * h, p["sound_speed"]
         # The fluid's own viscosity counts towards alpha; the artificial one makes up what is missing.
         own = 2 * (dim + 2) * p["viscosity"]
+        # On a lattice the Laplacian of Morris is this much of the true one, which no refinement mends.
+        unit = 1.0 if scheme.preset == "mueller" else lattice_laplacian(scheme.kernel, h / dx, dim)
         return {
             "spacing": dx,
             "h": h,
@@ -109,10 +112,10 @@ class Parameters:
             "gamma": p["gamma"],
             "diffusion": 2.0 * p["density_diffusion"] * h * c_0,
             "artificial_viscosity": np.maximum(0.0, p["artificial_viscosity"] * h * c_0 - own),
-            "viscosity": p["viscosity"],
+            "viscosity": p["viscosity"] / unit,
             "viscosity_monaghan": own,
             "density_unit": 1.0 / lattice_sum(h / dx, dim) if scheme.preset == "mueller" else 1.0,
-            "thermal_diffusivity": p["thermal_diffusivity"],
+            "thermal_diffusivity": p["thermal_diffusivity"] / unit,
             "central_force": p["central_force"],
             "wall_stiffness": p["wall_stiffness"] * (c_0 / h) ** 2,
             "wall_margin": p["wall_margin"] * dx,
@@ -138,6 +141,16 @@ def lattice_sum(ratio: float, dim: int) -> float:
     return float(POLY6.sigma(dim) / ratio**dim * (np.maximum(1.0 - q_squared, 0.0) ** 3).sum())
 
 
+@lru_cache
+def lattice_laplacian(kernel: SmoothingKernel, ratio: float, dim: int) -> float:
+    """Sum of V x^2 (-W'/r) over a square or cubic lattice, for h/dx: 1 were it an integral."""
+    steps = np.arange(-math.ceil(kernel.support * ratio), math.ceil(kernel.support * ratio) + 1)
+    places = [axis.ravel() for axis in np.meshgrid(*[steps] * dim)]
+    q = np.sqrt(sum(axis**2 for axis in places)) / ratio
+    slope = np.array([kernel.slope_of(value) for value in q])
+    return float(-kernel.sigma(dim) / ratio ** (dim + 2) * (places[0] ** 2 * slope).sum())
+
+
 def make_structure(scene: Scene, scheme: Scheme, parameters: Parameters, forces: bool, plain: bool) -> Structure:
     """What a solver of this scene and scheme compiles.
 
@@ -153,6 +166,7 @@ def make_structure(scene: Scene, scheme: Scheme, parameters: Parameters, forces:
         viscous=bool((p["viscosity"] > 0.0).any()),
         diffusive=bool((p["density_diffusion"] > 0.0).any()),
         artificial=bool((p["artificial_viscosity"] > 0.0).any()),
+        central=bool(p["central_force"].any()),
     )
     bodies = list(scene.bodies.values())
     return Structure(
@@ -319,7 +333,7 @@ def make_frozen(scene: Scene, scheme: Scheme, device: wp.Device) -> tuple[Any, G
     """Layers of wall particles behind the walls of the box, in cells, and their grid."""
     dim, dx = scene.dim, scene.particle_spacing
     support = scheme.kernel.support * scheme.smoothing_length(dx, dim)
-    layers = math.ceil(support / dx)
+    layers = math.ceil(support / dx - 1e-6)
     frozen: Any = _FROZEN()
     names = face_names(dim)
     lines, inside = [], []

@@ -90,7 +90,8 @@ class Scene:
         seed: Seed of the jitter.
         bodies: Solids by name. Fluid is left out where they are.
         inflows: Nozzles by name. Their pipes are full at the start; other fluid is left out where they are.
-        outflows: Drains and channel ends by name.
+        outflows: Drains and channel ends by name. Fluid is left out of drains, and of a channel's end where it would
+            not move on.
         reserve: Particles of each world set aside for the inflows; None is as many as would fill the box, and a
             tenth more. A nozzle that finds the reserve used up stops until particles have been retired.
         central_force: Pull towards the origin over the distance from it [1/s2], added to gravity.
@@ -260,12 +261,18 @@ class Scene:
             for inflow in self.inflows.values():
                 inside &= ~self._in_pipe(inflow, points)
             for outflow in self.outflows.values():
-                if outflow.direction is None:
-                    inside &= ~outflow.region.contains(points)
+                inside &= ~(outflow.region.contains(points) & ~self._carried_out(outflow, body, points))
             for earlier in self.fluid[:index]:
                 inside &= ~earlier.shape.contains(points)
             places.append((body, points[inside]))
         return places
+
+    def _carried_out(self, outflow: Outflow, fluid: Fluid, points: np.ndarray) -> np.ndarray:
+        """Which of the points (n, dim) [m] an outflow would carry on: bool (n,). At rest they would stay for good."""
+        if outflow.direction is None:
+            return np.zeros(len(points), bool)
+        velocity = _evaluate("Fluid.velocity", fluid.velocity, points, points.shape)
+        return velocity[:, AXES.index(outflow.direction[1])] * float(f"{outflow.direction[0]}1") > 0.0
 
     def _sample_motion(self, places: list[tuple[Fluid, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
         """Start positions [m], jittered, and velocities [m/s], those in pipes last, each (n, dim)."""

@@ -10,7 +10,7 @@ from typing import Literal
 import warp as wp
 
 from fluidgym.checks import check_choice, check_range, check_type
-from fluidgym.sph.continuity import DENSITY_DIFFUSION, DIVERGENCE
+from fluidgym.sph.continuity import CENTRAL_DIFFUSION, DENSITY_DIFFUSION, DIVERGENCE
 from fluidgym.sph.integrators import KICK_DRIFT_KICK, LEAPFROG, Integrator
 from fluidgym.sph.mueller import KERNEL_VISCOSITY, POLY6_SUMMATION, spiky_pressure
 from fluidgym.sph.pressure import PRESSURE_GRADIENT
@@ -144,7 +144,7 @@ class Scheme:
         return itself if self.preset == "mueller" else self.pressure_law.pressure
 
     def terms_in_use(
-        self, viscous: bool, diffusive: bool, artificial: bool
+        self, viscous: bool, diffusive: bool, artificial: bool, central: bool = False
     ) -> tuple[tuple[DensityRate | DensitySum, ...], tuple[Force | Drag, ...]]:
         """What makes the density and the terms of du/dt, where the fluid and the scheme have these or have not.
 
@@ -152,10 +152,12 @@ class Scheme:
             viscous: Whether the fluid has viscosity of its own.
             diffusive: Whether there is density diffusion.
             artificial: Whether there is artificial viscosity.
+            central: Whether there is a central force.
         """
         rates = tuple(term for term in self.terms if isinstance(term, DensityRate | DensitySum))
         forces = tuple(term for term in self.terms if isinstance(term, Force | Drag))
-        density = (DIVERGENCE, *((DENSITY_DIFFUSION,) if diffusive else ()), *rates)
+        diffusion = CENTRAL_DIFFUSION if central else DENSITY_DIFFUSION
+        density = (DIVERGENCE, *((diffusion,) if diffusive else ()), *rates)
         pressure = PRESSURE_GRADIENT
         if self.preset == "mueller":
             density, pressure = (POLY6_SUMMATION,), spiky_pressure(self.pressure_law)

@@ -92,7 +92,10 @@ def pairs(now, others=None):
 
 
 class Reference:
-    """The equations of a scheme, summed over every pair; around the fluid nothing, or frozen particles at rest."""
+    """The equations of a scheme, summed over every pair; around the fluid nothing, or frozen particles at rest.
+
+    With these the fluid shares its pressure and, where they are walls without slip, its own viscosity; nothing else.
+    """
 
     def __init__(self, scene, scheme, frozen=None):
         self.scene, self.scheme, self.dim = scene, scheme, scene.dim
@@ -100,6 +103,7 @@ class Reference:
         self.c_0, self.V = scene.sound_speed, DX**scene.dim
         self.g, self.nu = scene.gravity_vector, scene.material.viscosity
         self.frozen = np.zeros((0, scene.dim)) if frozen is None else frozen
+        self.wall_nu = self.nu if any(face.slip == "no" for face in scene.faces.values()) else 0.0
 
     def around(self):
         return self.frozen, np.zeros_like(self.frozen)
@@ -126,11 +130,14 @@ class MuellerReference(Reference):
     def acceleration(self, now):
         """du/dt, from the density at hand."""
         a = np.tile(self.g, (len(now.x), 1))
-        for (x, r, u), s in ((pairs(now), now.s), (pairs(now, self.around()), np.zeros(len(self.frozen)))):
+        for (x, r, u), s, nu in (
+            (pairs(now), now.s, self.nu),
+            (pairs(now, self.around()), np.zeros(len(self.frozen)), self.wall_nu),
+        ):
             both = 1.0 / ((1.0 + now.s)[:, None] * (1.0 + s)[None])
             slope = KERNELS["spiky"](r, self.h, self.dim, derivative=1) / np.where(r > 0.0, r, 1.0)
             push = -0.5 * self.c_0**2 * (self.pressure(now.s)[:, None] + self.pressure(s)[None]) * both * slope
-            drag = -self.nu * both * viscosity_laplacian(r, self.h, self.dim)
+            drag = -nu * both * viscosity_laplacian(r, self.h, self.dim)
             a += self.V * (push[:, :, None] * x + drag[:, :, None] * u).sum(axis=1)
         return a
 
@@ -154,23 +161,25 @@ class DeltaReference(Reference):
         return np.where(r > 0.0, kernel(r, self.h, self.dim, derivative=1) / safe, at_zero)
 
     def density_rate(self, now):
-        """ds/dt. What gravity makes of s between two particles of the fluid is taken out; the frozen ones have 0."""
+        """ds/dt. What gravity makes of s between two particles is no reason to diffuse."""
         rate = np.zeros(len(now.x))
-        for (x, r, u), s_j in (
-            (pairs(now), now.s[None] + pairs(now)[0] @ self.g / self.c_0**2),
-            (pairs(now, self.around()), np.zeros((1, len(self.frozen)))),
-        ):
-            diffusion = 2.0 * DELTA * self.h * self.c_0 * (now.s[:, None] - s_j)
-            rate += self.V * (self.slope(r) * ((x * u).sum(axis=2) + diffusion)).sum(axis=1)
+        for inside, (x, r, u) in ((True, pairs(now)), (False, pairs(now, self.around()))):
+            rate += self.V * (self.slope(r) * (x * u).sum(axis=2)).sum(axis=1)
+            if inside:
+                excess = now.s[:, None] - now.s[None] - x @ self.g / self.c_0**2
+                rate += self.V * 2.0 * DELTA * self.h * self.c_0 * (self.slope(r) * excess).sum(axis=1)
         return rate
 
     def acceleration(self, now):
         a = np.tile(self.g, (len(now.x), 1))
-        rest = max(0.0, ALPHA * self.h * self.c_0 - 2 * (self.dim + 2) * self.nu)
-        for (x, r, u), s in ((pairs(now), now.s), (pairs(now, self.around()), np.zeros(len(self.frozen)))):
+        artificial = max(0.0, ALPHA * self.h * self.c_0 - 2 * (self.dim + 2) * self.nu)
+        for (x, r, u), s, K, nu in (
+            (pairs(now), now.s, artificial, self.nu),
+            (pairs(now, self.around()), np.zeros(len(self.frozen)), 0.0, self.wall_nu),
+        ):
             force = -(self.c_0**2) * (self.pressure(now.s)[:, None] + self.pressure(s)[None])
-            force += rest * (x * u).sum(axis=2) / (r**2 + 0.01 * self.h**2)
-            a += self.V * (self.slope(r)[:, :, None] * (force[:, :, None] * x + 2.0 * self.nu * u)).sum(axis=1)
+            force += K * (x * u).sum(axis=2) / (r**2 + 0.01 * self.h**2)
+            a += self.V * (self.slope(r)[:, :, None] * (force[:, :, None] * x + 2.0 * nu * u)).sum(axis=1)
         return a
 
     def step(self, now, dt):
@@ -524,11 +533,11 @@ def test_frozen_walls_are_layers_that_cover_the_support(preset, dim, device):
     assert not solver._frozen.field.numpy().any()
 
 
-@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize(("dim", "slip"), [(2, "free"), (2, "no"), (3, "free")])
 @pytest.mark.parametrize("preset", FROZEN)
-def test_step_between_frozen_walls_is_that_of_the_sums_over_fluid_and_wall(preset, dim, device):
+def test_step_between_frozen_walls_is_that_of_the_sums_over_fluid_and_wall(preset, dim, slip, device):
     scheme, reference, layers = FROZEN[preset]
-    scene = block(dim, Face())
+    scene = block(dim, Face(slip=slip))
     solver = stirred(scene, scheme, device)
     wall = frozen_lattice(scene, layers)
     with_wall, without = reference(scene, scheme, wall), reference(scene, scheme)

@@ -34,9 +34,9 @@ def gauss(n: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
     return tuple(0.5 * nodes + 0.5), tuple(0.5 * weights)
 
 
-# Rays across the angle of a side: 8 in two dimensions, 6 by 6 in three. On [0, 1].
+# Rays across the angle of a side: 8 in two dimensions, 5 by 5 in three. On [0, 1].
 _EIGHT, _EIGHT_SHARES = gauss(8)
-_SIX, _SIX_SHARES = gauss(6)
+_FIVE, _FIVE_SHARES = gauss(5)
 
 # Four nodes along a ray: exact for the default kernel. On [0, 1].
 NODES, NODE_SHARES = (wp.constant(wp.vec4(*values)) for values in gauss(4))
@@ -71,7 +71,7 @@ def make_bodies(s: Structure) -> SimpleNamespace:
     Screens = wp.types.matrix((max(rows, 1), 2 * dim), wp.float32)
     images = 1 + (dim if "mirror" in s.kinds else 0)
     eight, eight_shares = wp.types.vector(8, wp.float32)(*_EIGHT), wp.types.vector(8, wp.float32)(*_EIGHT_SHARES)
-    six, six_shares = wp.types.vector(6, wp.float32)(*_SIX), wp.types.vector(6, wp.float32)(*_SIX_SHARES)
+    five, five_shares = wp.types.vector(5, wp.float32)(*_FIVE), wp.types.vector(5, wp.float32)(*_FIVE_SHARES)
     balls = wp.int32(sum(bool(ball) << body for body, ball in enumerate(s.balls)))
     mirrors = wp.int32(sum((kind == "mirror") << face for face, kind in enumerate(s.kinds)))
 
@@ -88,6 +88,8 @@ def make_bodies(s: Structure) -> SimpleNamespace:
         gap: float  # to the plane of the side [m]; from the middle of a ball
         middle: vec  # from it to the particle [m]
         half: vec  # half sides [m]
+        first: float  # angle to the near end of the part within reach, along the next axis [rad]
+        width: float  # of that part [rad]
         low: vec  # of the part within reach, from the particle [m]
         high: vec
         velocity: vec
@@ -162,8 +164,8 @@ def make_bodies(s: Structure) -> SimpleNamespace:
         normal: vec
 
     @wp.func
-    def cross(b: int, y: vec, e: vec, bodies: Bodies) -> Crossing:
-        """The line y + t e, from the middle of a body; at is NOTHING where it misses, negative inside."""
+    def cross(b: int, y: vec, e: vec, bodies: Bodies, skin: float) -> Crossing:
+        """The line y + t e, from the middle of a body and its skin; at is NOTHING where it misses, negative inside."""
         met = Crossing()
         met.at = NOTHING
         if (balls >> b) & 1 != 0:
@@ -183,8 +185,8 @@ def make_bodies(s: Structure) -> SimpleNamespace:
         side = float(0.0)
         for k in range(wp.static(dim)):
             inverse = 1.0 / wp.where(wp.abs(e[k]) < 1.0e-20, 1.0e-20, e[k])
-            t_1 = (-bodies.half[b, k] - y[k]) * inverse
-            t_2 = (bodies.half[b, k] - y[k]) * inverse
+            t_1 = (-bodies.half[b, k] - skin - y[k]) * inverse
+            t_2 = (bodies.half[b, k] + skin - y[k]) * inverse
             if wp.min(t_1, t_2) > t_in:
                 t_in = wp.min(t_1, t_2)
                 axis = k
@@ -336,6 +338,11 @@ def make_bodies(s: Structure) -> SimpleNamespace:
                     it.high[k] = wp.min(it.half[k] - y[k], across)
                     if it.low[k] >= it.high[k]:
                         it.seen = False
+        if it.seen and (balls >> it.body) & 1 == 0:
+            it.gap = wp.max(it.gap, 1.0e-9 * reach)
+            m = (it.axis + 1) % wp.static(dim)
+            it.first = wp.atan2(it.low[m], it.gap)
+            it.width = wp.atan2(it.high[m], it.gap) - it.first
         it.alone = True
         if wp.static(n_bodies * images > 1):
             if it.seen:
@@ -355,31 +362,27 @@ def make_bodies(s: Structure) -> SimpleNamespace:
         """The n-th ray to a side of a box: equal steps of the angle, so that the solid angle is exact."""
         it = Ray()
         it.normal[p.axis] = p.side
-        gap = wp.max(p.gap, 1.0e-9 * reach)
+        gap = p.gap
         if wp.static(dim == 2):
             m = 1 - p.axis
-            first = wp.atan2(p.low[m], gap)
-            width = wp.atan2(p.high[m], gap) - first
-            angle = first + width * eight[n]
-            it.share = width * eight_shares[n]
+            angle = p.first + p.width * eight[n]
+            it.share = p.width * eight_shares[n]
             it.direction[p.axis] = -p.side * wp.cos(angle)
             it.direction[m] = wp.sin(angle)
             it.distance = gap / wp.cos(angle)
         else:
             m = (p.axis + 1) % 3
             k = (p.axis + 2) % 3
-            row = n // 6
-            column = n % 6
-            first = wp.atan2(p.low[m], gap)
-            width = wp.atan2(p.high[m], gap) - first
-            alpha = first + width * six[row]
-            share = width * six_shares[row]
+            row = n // 5
+            column = n % 5
+            alpha = p.first + p.width * five[row]
+            share = p.width * five_shares[row]
             far = gap / wp.cos(alpha)
             across = wp.sqrt(wp.max(reach * reach - far * far, 0.0))
             low = wp.atan2(wp.max(p.low[k], -across), far)
             high = wp.atan2(wp.min(p.high[k], across), far)
-            beta = low + (high - low) * six[column]
-            it.share = share * wp.max(high - low, 0.0) * six_shares[column] * wp.cos(beta)
+            beta = low + (high - low) * five[column]
+            it.share = share * wp.max(high - low, 0.0) * five_shares[column] * wp.cos(beta)
             it.direction[p.axis] = -p.side * wp.cos(alpha) * wp.cos(beta)
             it.direction[m] = wp.sin(alpha) * wp.cos(beta)
             it.direction[k] = wp.sin(beta)
@@ -402,15 +405,15 @@ def make_bodies(s: Structure) -> SimpleNamespace:
             it.direction[1] = inward[1] * cosine + inward[0] * sine
             it.distance = p.gap * cosine - radius * wp.cos(psi)
         else:
-            psi = 0.5 * wp.pi * six[n // 6]
-            phi = wp.pi / 3.0 * (float(n % 6) + 0.5)
+            psi = 0.5 * wp.pi * five[n // 5]
+            phi = 0.4 * wp.pi * (float(n % 5) + 0.5)
             sine = widest * wp.sin(psi)
             cosine = wp.sqrt(1.0 - sine * sine)
             a = vec()
             a[wp.where(wp.abs(inward[0]) < 0.6, 0, 1)] = 1.0
             a = wp.normalize(a - wp.dot(a, inward) * inward)
             b = wp.cross(inward, a)
-            it.share = wp.pi / 3.0 * 0.5 * wp.pi * six_shares[n // 6] * sine * widest * wp.cos(psi) / cosine
+            it.share = 0.4 * wp.pi * 0.5 * wp.pi * five_shares[n // 5] * sine * widest * wp.cos(psi) / cosine
             it.direction = cosine * inward + sine * (wp.cos(phi) * a + wp.sin(phi) * b)
             it.distance = p.gap * cosine - radius * wp.cos(psi)
         it.normal = (y + it.distance * it.direction) / radius
@@ -486,7 +489,8 @@ def make_bodies(s: Structure) -> SimpleNamespace:
         for b in range(wp.static(n_bodies)):
             y_0 = from_middle(x_0, world, b, before)
             y = from_middle(kept.position, world, b, now)
-            met = cross(b, y_0, y - y_0, now)
+            # With half of the gap as a skin: what slides along a wall does not slip between that and the body.
+            met = cross(b, y_0, y - y_0, now, 0.5 * gap)
             if met.at <= 1.0:
                 n = met.normal
                 if met.at < 0.0 and (balls >> b) & 1 == 0:
@@ -518,7 +522,7 @@ def make_bodies(s: Structure) -> SimpleNamespace:
         Patch=Patch,
         Ray=Ray,
         patches=n_bodies * images * dim,
-        rays=8 if dim == 2 else 36,
+        rays=8 if dim == 2 else 25,
         others=n_bodies * images,
         screens=screens,
         near=near,

@@ -21,5 +21,12 @@ def density_diffusion(r: float, xu: float, slope: float, s_i: float, s_j: float,
     return c.diffusion * (s_i - s_j) * slope
 
 
+@wp.func
+def central_diffusion(r: float, xu: float, slope: float, s_i: float, s_j: float, c: Constants) -> float:
+    """Diffusion of density where a central force pulls: its potential is not linear, so half of its slope is left."""
+    return c.diffusion * (s_i - s_j - 0.5 * c.central_force * c.inv_c_0_squared * r * r) * slope
+
+
 DIVERGENCE = DensityRate(divergence)
 DENSITY_DIFFUSION = DensityRate(density_diffusion)
+CENTRAL_DIFFUSION = DensityRate(central_diffusion)

@@ -140,14 +140,14 @@ def make_drift(s: Structure) -> wp.Kernel:
                 x = x_0 + (wp.static(steps.opening_drift) * c.dt) * u_0
             else:
                 x = x_0 + (wp.static(steps.opening_drift) * c.dt) * u
-            if wp.static(len(s.balls) > 0):
-                out = keep_out(x_0, x, u, world, bodies_before, bodies, c, clamped)
-                x = out.position
-                u = out.velocity
             if wp.static(s.has_walls):
                 kept = keep_inside(x, u, world, faces, c, clamped)
                 x = kept.position
                 u = kept.velocity
+            if wp.static(len(s.balls) > 0):
+                out = keep_out(x_0, x, u, world, bodies_before, bodies, c, clamped)
+                x = out.position
+                u = out.velocity
             if wp.static("periodic" in kinds):
                 x = wrap(x, world, faces)
             for k in range(wp.static(dim)):
@@ -254,12 +254,12 @@ def make_advance_density(s: Structure) -> wp.Kernel:
             if wp.static(steps.closing_drift > 0.0):
                 x_0 = x
                 x += (wp.static(steps.closing_drift) * c.dt) * u
-                if wp.static(len(s.balls) > 0):
-                    out = keep_out(x_0, x, u, world, bodies, bodies_end, c, clamped)
-                    x = out.position
                 if wp.static(s.has_walls):
                     kept = keep_inside(x, u, world, faces_end, c, clamped)
                     x = kept.position
+                if wp.static(len(s.balls) > 0):
+                    out = keep_out(x_0, x, u, world, bodies, bodies_end, c, clamped)
+                    x = out.position
         for k in range(wp.static(dim)):
             position_out[k, i] = x[k]
         density_error_out[i] = error

@@ -41,6 +41,10 @@ class SmoothingKernel:
         """Normalisation at h = 1."""
         return {2: self.sigma_2d, 3: self.sigma_3d}[dim]
 
+    def slope_of(self, q: float) -> float:
+        """w'(q)/q, in plain Python."""
+        return float(_in(self.dw, 2)(float(q)))
+
     def value(self, dim: int) -> wp.Function:
         """Warp function (r, Constants) -> W [1/m^dim]."""
         return _scaled(_in(self.w, dim), self.sigma(dim), False)
@@ -119,8 +123,9 @@ def cubic_spline(q: float) -> float:
 @wp.func
 def cubic_spline_slope(q: float) -> float:
     """(3 b^2 - 3 a^2/4) / q, with the 1/q taken out: for q < 1 it is 9 q/4 - 3."""
-    a = wp.max(2.0 - q, 0.0)
-    return wp.where(q < 1.0, 2.25 * q - 3.0, -0.75 * a * a / wp.max(q, 1.0))
+    p = wp.max(q, 1.0)
+    a = wp.max(2.0 - p, 0.0)
+    return 2.25 * wp.min(q, 1.0) - 2.25 - 0.75 * a * a / p
 
 
 @wp.func

@@ -9,11 +9,14 @@ import warp as wp
 
 from fluidgym.sph.bodies import NODE_SHARES, NODES, STEEPEST, make_bodies
 from fluidgym.sph.constants import Constants
+from fluidgym.sph.continuity import DENSITY_DIFFUSION
 from fluidgym.sph.heat import CONDUCTION
+from fluidgym.sph.mueller import KERNEL_VISCOSITY
 from fluidgym.sph.neighbors import Grid
 from fluidgym.sph.pair_loop import make_pair_loop
 from fluidgym.sph.structure import Structure
-from fluidgym.sph.terms import Drag, bound, no_term, total
+from fluidgym.sph.terms import Drag, Term, bound, no_term, total
+from fluidgym.sph.viscosity import ARTIFICIAL_VISCOSITY, VISCOSITY_MONAGHAN, VISCOSITY_MORRIS
 from fluidgym.sph.walls import make_images
 from fluidgym.state import Bodies, Faces, Frozen
 
@@ -21,6 +24,18 @@ from fluidgym.state import Bodies, Faces, Frozen
 def _screen(s: Structure) -> tuple[bool, ...]:
     """Which rows of the screens are balls."""
     return s.balls * (2 if s.has_images else 1)
+
+
+def _of_frozen(s: Structure, terms: tuple[Term, ...]) -> tuple[Term, ...]:
+    """The terms that frozen particles take part in.
+
+    They would drain the pressure of the fluid by its diffusion, and hold the fluid back by its viscosity, which only a
+    wall without slip does.
+    """
+    kept_out = [DENSITY_DIFFUSION, ARTIFICIAL_VISCOSITY]
+    if not any(s.no_slip):
+        kept_out += [VISCOSITY_MORRIS, VISCOSITY_MONAGHAN, KERNEL_VISCOSITY]
+    return tuple(term for term in terms if term not in kept_out)
 
 
 @wp.func
@@ -43,7 +58,8 @@ def make_density_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
     images, solids, slope = make_images(s), make_bodies(s), s.slope
     near, count, query, near_bare = images.near, images.count, images.query, images.near_bare
     near_body, patch, ray, screens = solids.near, solids.patch, solids.ray, solids.screens
-    loop, emit_terms = make_pair_loop(dim, s.density_terms, slope, False, tilted, plain=s.plain)
+    frozen_loop, emit_frozen = make_pair_loop(dim, _of_frozen(s, s.density_terms), slope, False, False, plain=s.plain)
+    loop, emit_fluid = make_pair_loop(dim, s.density_terms, slope, False, tilted, plain=s.plain)
     screened, _ = make_pair_loop(dim, s.density_terms, slope, False, tilted, plain=s.plain, screen=_screen(s))
     term = total(tuple(bound(term, dim) for term in s.density_terms))
 
@@ -114,11 +130,18 @@ def make_density_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
                 sum += shadow(x, u, a, found, world, faces, bodies, c)
         if wp.static(s.frozen):
             if near_bare(x, world, faces, c.support):
-                sum += loop(
+                sum += frozen_loop(
                     x, u, a, 0.0, vec(), one, 0, reach, frozen.position, frozen.velocity, frozen.field,
                     frozen.bounds, frozen_grid, c,
                 )  # fmt: skip
         return wp.vec3(sum[0], sum[1], in_sight)
+
+    @wp.func
+    def emit_terms(c: Constants) -> float:
+        value = emit_fluid(c)
+        if wp.static(s.frozen):
+            value += emit_frozen(c)
+        return value
 
     return density_sum, emit_terms
 
@@ -135,7 +158,8 @@ def make_force_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
     near, count, query, near_bare = images.near, images.count, images.query, images.near_bare
     near_body, patch, ray, screens = solids.near, solids.patch, solids.ray, solids.screens
     record_face, record_body = images.record, solids.record
-    loop, emit_terms = make_pair_loop(dim, s.force_terms, slope, True, tilted, signed, s.plain)
+    frozen_loop, emit_frozen = make_pair_loop(dim, _of_frozen(s, s.force_terms), slope, True, False, plain=s.plain)
+    loop, emit_fluid = make_pair_loop(dim, s.force_terms, slope, True, tilted, signed, s.plain)
     screened, _ = make_pair_loop(dim, s.force_terms, slope, True, tilted, signed, s.plain, _screen(s))
     drags = tuple(bound(term, dim) for term in s.force_terms if isinstance(term, Drag))
     force = total(tuple(bound(term, dim) for term in s.force_terms if not isinstance(term, Drag)))
@@ -232,11 +256,18 @@ def make_force_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
                 sum += shadow(x, u, a, g, found, world, faces, bodies, forces, c)
         if wp.static(s.frozen):
             if near_bare(x, world, faces, c.support):
-                sum += loop(
+                sum += frozen_loop(
                     x, u, a, 0.0, vec(), one, 0, reach, frozen.position, frozen.velocity, frozen.field,
                     frozen.bounds, frozen_grid, c,
                 )  # fmt: skip
         return c.volume * sum
+
+    @wp.func
+    def emit_terms(c: Constants) -> float:
+        value = emit_fluid(c)
+        if wp.static(s.frozen):
+            value += emit_frozen(c)
+        return value
 
     return force_sum, emit_terms
 

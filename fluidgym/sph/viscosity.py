@@ -26,7 +26,7 @@ def viscosity_monaghan(r: float, xu: float, slope: float, P_i: float, P_j: float
 
 @wp.func
 def viscosity_morris(r: float, xu: float, slope: float, P_i: float, P_j: float, c: Constants) -> float:
-    """2 nu sum V u_ij W'/r (Morris, Fox & Zhu 1997, eq. 22): the Laplacian of the velocity, true on a lattice."""
+    """2 nu sum V u_ij W'/r (Morris, Fox & Zhu 1997, eq. 22): the Laplacian of the velocity."""
     return 2.0 * c.viscosity * slope
 
 

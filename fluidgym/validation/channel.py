@@ -19,7 +19,8 @@ Errors, those of the last 4 H/U of a run and of the middle H of the channel unle
     profile: root mean square over particles and instants of u - u_ref, over the speed of the middle line.
     worst: largest of the same.
     flux: mean mass flux, the sum of m u over the length that it is taken of, over rho U H, less 1.
-    outflow: mass of the particles that have left, over rho U H and the time, less 1. It counts whole particles.
+    outflow: mass of the particles that have left, over rho U H and the time, less 1. One particle more or less of
+        every row is 1.2 % at H/20.
     gradient: mean slope of the pressure over the reference's, less 1.
     ledger: largest discrepancy at any instant of the run [particles]: between the particles there are and those that
         started, came and left; between their number and that of their distinct identities; between the identities
@@ -64,7 +65,7 @@ def _scene(resolution: int, running: bool) -> Scene:
     upper = (last + OUTFLOW * spacing, HEIGHT)
     at_rest = Fluid(Box((first, 0.0), (last, HEIGHT)))
     exact = Fluid(
-        Box((first, 0.0), (upper[0] - spacing, HEIGHT)),  # the last row of the outflow is where particles leave
+        Box((first, 0.0), upper),
         velocity=lambda points: np.stack([profile(points[:, 1]), np.zeros(len(points))], axis=1),
         pressure=lambda points: np.maximum(GRADIENT * (points[:, 0] - last), 0.0),
     )
@@ -132,6 +133,11 @@ def errors(times: np.ndarray, records: Records, scene: Scene) -> dict[str, float
     }
 
 
+GOAL = {
+    20: {"profile": 0.01, "worst": 0.01, "flux": 0.005, "gradient": 0.05, "ledger": 0.0},
+    40: {"outflow": 0.005},
+}
+
 CASE = Case(
     name="channel",
     title="Channel from inflow to outflow, profile, flux and ledger",
@@ -142,7 +148,7 @@ CASE = Case(
     observe=observe,
     errors=errors,
     target={20: {"profile": 0.01, "flux": 0.005, "ledger": 0.0}},
-    goal={20: {"profile": 0.01, "worst": 0.01, "flux": 0.005, "outflow": 0.005, "gradient": 0.05, "ledger": 0.0}},
+    goal=GOAL,
 )
 
 START = Case(
@@ -155,7 +161,7 @@ START = Case(
     observe=observe,
     errors=errors,
     target={20: {"profile": 0.02, "ledger": 0.0}},
-    goal={20: {"profile": 0.01, "worst": 0.01, "flux": 0.005, "outflow": 0.005, "gradient": 0.05, "ledger": 0.0}},
+    goal=GOAL,
 )
 
 CASES = (CASE, START)

@@ -112,6 +112,6 @@ STEP = dataclasses.replace(ARCH, scene=step_scene, errors=step_errors)
 CASE = dataclasses.replace(
     ARCH,
     parts={"arch": ARCH, "step": STEP},
-    target={40: {"arch": 0.01, "step": 0.01}},
+    target={40: {"arch": 0.001, "step": 0.001}},
     goal={40: {"arch": 0.002, "step": 0.002}},
 )
