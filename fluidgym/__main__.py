@@ -7,6 +7,7 @@ import os
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -193,8 +194,9 @@ def _add_benchmark(commands: argparse._SubParsersAction) -> None:
         help="time the simulator, its error beside it",
         description="Time a falling column of water at several sizes, and print the error of the same scheme.",
     )
+    parser.add_argument("--features", action="store_true", help="what each feature adds to a step, on still water")
     parser.add_argument("--dim", type=int, choices=(2, 3), help="only this dimension")
-    parser.add_argument("--particles", nargs="+", type=int, default=[2000, 10000, 50000], metavar="N")
+    parser.add_argument("--particles", nargs="+", type=int, metavar="N", help="about so many in a world, each in turn")
     parser.add_argument("--worlds", nargs="+", type=int, default=[1], metavar="N", help="worlds in a batch")
     parser.add_argument("--device", help="cpu, cuda, cuda:1, ...; a GPU where there is one if not given")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the results to this file as well")
@@ -202,13 +204,23 @@ def _add_benchmark(commands: argparse._SubParsersAction) -> None:
 
 
 def benchmark(chosen: argparse.Namespace) -> int:
-    """Time the falling column, and run the dam break of the validation suite for the error beside it."""
-    from fluidgym.benchmark import SPEED_HEAD, STRETCHES, machine, measure_speed, speed_line
+    """Time the falling column, and run the dam break of the validation suite for the error beside it; or features."""
+    from fluidgym.benchmark import (
+        COST_HEAD,
+        SPEED_HEAD,
+        STRETCHES,
+        cost_line,
+        machine,
+        measure_costs,
+        measure_speed,
+        speed_line,
+    )
     from fluidgym.solver import find_device
     from fluidgym.validation import CASES, run
     from fluidgym.validation.report import as_json, write_json
 
-    if min(*chosen.particles, *chosen.worlds, 1) < 1:
+    sizes = chosen.particles or ([10000] if chosen.features else [2000, 10000, 50000])
+    if min(*sizes, *chosen.worlds, 1) < 1:
         return _refuse("--particles and --worlds must be 1 or more")
     try:
         _check_json(chosen.json)
@@ -216,7 +228,8 @@ def benchmark(chosen: argparse.Namespace) -> int:
     except ValueError as error:
         return _refuse(str(error))
     facts = machine(device)
-    print(", ".join(f"{name} {value}" for name, value in facts.items()), SPEED_HEAD, sep="\n", flush=True)
+    head = COST_HEAD if chosen.features else SPEED_HEAD
+    print(", ".join(f"{name} {value}" for name, value in facts.items()), head, sep="\n", flush=True)
     objects: list[dict[str, Any]] = [{"machine": facts}]
 
     def keep(found: dict[str, Any]) -> None:
@@ -224,17 +237,23 @@ def benchmark(chosen: argparse.Namespace) -> int:
         if chosen.json:
             write_json(chosen.json, objects)
 
-    for dim in (chosen.dim,) if chosen.dim else (2, 3):
-        for worlds in chosen.worlds:
-            for particles in chosen.particles:
-                label = f"{dim}D, {worlds} x {particles}"
-                try:
-                    with tqdm(total=STRETCHES + 1, desc=label, leave=False, disable=None) as bar:
-                        speed = measure_speed(dim, particles, worlds, device, progress=bar.update)
-                except ValueError as error:  # too few particles for the scene
-                    return _refuse(f"{label}: {error}")
-                keep(asdict(speed))
-                print(speed_line(speed), flush=True)
+    dims = (chosen.dim,) if chosen.dim else (2, 3)
+    for dim, worlds, particles in product(dims, chosen.worlds, sizes):
+        label = f"{dim}D, {worlds} x {particles}"
+        try:
+            if chosen.features:
+                for cost in measure_costs(dim, particles, worlds, device):
+                    keep(asdict(cost))
+                    print(cost_line(cost), flush=True)
+                continue
+            with tqdm(total=STRETCHES + 1, desc=label, leave=False, disable=None) as bar:
+                speed = measure_speed(dim, particles, worlds, device, progress=bar.update)
+        except ValueError as error:  # too few particles for the scene
+            return _refuse(f"{label}: {error}")
+        keep(asdict(speed))
+        print(speed_line(speed), flush=True)
+    if chosen.features:
+        return 0
     result = run(CASES["dam-break"], 40, 2, device)
     print(f"front error of the same scheme, dam-break at H/40: {result.errors['front']:.2%} in {result.wall_s:.2f} s")
     keep(as_json(result, {}))

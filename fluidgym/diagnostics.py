@@ -13,6 +13,7 @@ import numpy as np
 
 from fluidgym.scene import Particles, Scene, face_names
 from fluidgym.scheme import DEFAULT_SCHEME, Scheme
+from fluidgym.shapes import Ball
 from fluidgym.solver import Solver
 
 # Nodes and weights on [-1, 1] of the quadrature for elastic energy; exact to rounding for any smooth state equation.
@@ -177,7 +178,8 @@ def pressure_at(solver: Solver, points: np.ndarray, world: int = 0) -> np.ndarra
     The weights are those of Wendland C2, whatever the scheme's kernel, with its smoothing length, made to add up to one
     (Shepard 1968). The images are those of the solver's pressure force: beyond a periodic face the other side of the
     box, behind a wall its reflection, with the pressure of gravity carried on through the wall, but not below zero (or
-    below the particle's own pressure, where that is negative). A place that no particle reaches has no pressure.
+    below the particle's own pressure, where that is negative). What a body hides does not count: a place at a thin gate
+    has the pressure of its own side. A place that no particle reaches has no pressure.
 
     Args:
         solver: The solver.
@@ -191,8 +193,29 @@ def pressure_at(solver: Solver, points: np.ndarray, world: int = 0) -> np.ndarra
     distance = np.linalg.norm(points[:, None] - position[near], axis=2)
     t = np.maximum(1.0 - distance / reach, 0.0)
     weight = t**4 * (5.0 - 4.0 * t)
+    for body in range(len(solver.scene.bodies)):
+        weight[_hidden(solver, world, body, points, position[near])] = 0.0
     total = weight.sum(axis=1)
     return weight @ pressure[near] / np.where(total > 0.0, total, 1.0)
+
+
+def _hidden(solver: Solver, world: int, body: int, points: np.ndarray, position: np.ndarray) -> np.ndarray:
+    """Which particles (m, dim) a body hides from which places (n, dim): bool (n, m).
+
+    A box does where the line between the two goes in and out by opposite sides, as in the solver's sums.
+    """
+    bodies = solver.state.bodies
+    if isinstance(list(solver.scene.bodies.values())[body].shape, Ball):
+        return np.zeros((len(points), len(position)), bool)
+    half = bodies.half.numpy()[body].astype(float)
+    start = (points - bodies.position.numpy()[world, body].astype(float))[:, None]
+    way = position[None] - points[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        one, other = (-half - start) / way, (half - start) / way
+    into, out = np.fmin(one, other), np.fmax(one, other)
+    begin, end = into.max(axis=2), out.min(axis=2)
+    crosses = (begin < end) & (end > 0.0) & (begin < 1.0)
+    return crosses & (into.argmax(axis=2) == out.argmin(axis=2))
 
 
 def _with_images(solver: Solver, world: int, reach: float) -> tuple[np.ndarray, np.ndarray]:

@@ -13,7 +13,7 @@ import warp as wp
 from fluidgym.scene import AXES, LEAST_MACH_MARGIN, Ball, Face, Scene, face_names
 from fluidgym.scheme import Scheme
 from fluidgym.sph.bodies import make_bodies
-from fluidgym.sph.neighbors import Grid, make_grid
+from fluidgym.sph.neighbors import make_grid
 from fluidgym.sph.smoothing import POLY6, SmoothingKernel
 from fluidgym.sph.structure import Structure
 from fluidgym.sph.wall_models import ClampWalls, FrozenWalls, MirrorWalls, PenaltyWalls
@@ -329,7 +329,7 @@ def make_drains(scene: Scene, scheme: Scheme, device: wp.Device) -> Any:
     return drains
 
 
-def make_frozen(scene: Scene, scheme: Scheme, device: wp.Device) -> tuple[Any, Grid]:
+def make_frozen(scene: Scene, scheme: Scheme, device: wp.Device) -> tuple[Any, Any]:
     """Layers of wall particles behind the walls of the box, in cells, and their grid."""
     dim, dx = scene.dim, scene.particle_spacing
     support = scheme.kernel.support * scheme.smoothing_length(dx, dim)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -352,4 +352,5 @@ class Particles:
 
     def chosen(self, which: np.ndarray | slice) -> Particles:
         """Some of the particles: by slice, number or bool (particle,)."""
-        return Particles(**{name: None if values is None else values[which] for name, values in vars(self).items()})
+        kept: dict[str, Any] = {name: None if all_ is None else all_[which] for name, all_ in vars(self).items()}
+        return Particles(**kept)

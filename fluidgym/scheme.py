@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from types import NoneType
-from typing import Literal
-
-import warp as wp
+from typing import Any, Literal
 
 from fluidgym.checks import check_choice, check_range, check_type
 from fluidgym.sph.continuity import CENTRAL_DIFFUSION, DENSITY_DIFFUSION, DIVERGENCE
@@ -139,7 +137,7 @@ class Scheme:
         assert self.integrator is not None
         return self.integrator
 
-    def force_field(self) -> wp.Function:
+    def force_field(self) -> Any:
         """Warp function (s, Constants) -> what the force terms read: P, or s where the preset's do."""
         return itself if self.preset == "mueller" else self.pressure_law.pressure
 

@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-import warp as wp
 
-from fluidgym.scene import NO_SLIP_WALL, OPEN, PERIODIC, Box, Face, Fluid, Material, Particles, Scene, face_names
+from fluidgym.scene import PERIODIC, Box, Face, Fluid, Material, Particles, Scene, face_names
 from fluidgym.scheme import Scheme
 from fluidgym.solver import Solver
 
@@ -153,41 +152,3 @@ def test_particle_that_falls_on_a_floor_bounces_and_keeps_its_course():
     lowest = int(np.argmin(heights))
     assert 0.0 < heights[lowest] < 0.05
     assert max(heights[lowest:]) > 0.15
-
-
-# -- what is compiled ------------------------------------------------------------------------------------------------
-
-
-def sources(solver, folder):
-    """The generated source of the kernels of a step, by name; Warp writes it as it compiles for CUDA."""
-    found = {}
-    for name, kernel in vars(solver._kernels).items():
-        if kernel is None:
-            continue
-        wp.compile_aot_module(kernel.module, arch=80, use_ptx=True, module_dir=folder / name)
-        (path,) = (folder / name).glob("*.cu")
-        # Warp quotes the Python lines in comments, those it left out as well.
-        lines = path.read_text().splitlines()
-        found[name] = "\n".join(line for line in lines if not line.lstrip().startswith("//"))
-    return found
-
-
-def test_source_has_what_the_scene_needs_and_lacks_what_it_does_not(tmp_path):
-    water = Fluid(Box((0.0, 0.0), (0.5, 0.5)))
-    walled = Solver(Scene((0.0, 0.0), (1.0, 1.0), 0.05, water, {"x_min": NO_SLIP_WALL}), device="cpu")
-    still = dict.fromkeys(face_names(2), OPEN)
-    scheme = Scheme(density_diffusion=0.0, artificial_viscosity=0.0)
-    bare = Solver(Scene((0.0, 0.0), (1.0, 1.0), 0.05, water, still, 0.0, reference_speed=1.0), scheme, device="cpu")
-    rich, plain = sources(walled, tmp_path / "rich"), sources(bare, tmp_path / "plain")
-    for kernel, words in {
-        "drift": ["keep_inside"],
-        "advance_density": ["keep_inside", "query", "density_diffusion", "T1 * x1"],
-        "kick": ["cushion", "query", "artificial_viscosity_", "T1 * x1", "S1 * x1"],
-    }.items():
-        for word in words:
-            assert word in rich[kernel], f"{word} in {kernel}"
-            assert word not in plain[kernel], f"{word} in {kernel}"
-    assert "has_left" in plain["drift"]
-    assert "has_left" not in rich["drift"]
-    for source in (*rich.values(), *plain.values()):
-        assert "z_low" not in source  # two dimensions pay nothing for the third

@@ -1,0 +1,146 @@
+"""Numbers that change between steps: no world starts anew, and only what was left out is compiled."""
+
+import numpy as np
+import pytest
+
+from fluidgym.diagnostics import measure, pressure_at
+from fluidgym.scene import NO_SLIP_WALL, PERIODIC, Body, Box, Fluid, Material, Scene
+from fluidgym.scheme import MUELLER, Scheme
+from fluidgym.solver import Solver
+from fluidgym.sph.state_equation import TAIT
+
+BOX = dict(lower=(0.0, 0.0), upper=(1.0, 1.0), particle_spacing=0.05)
+SIDES = dict.fromkeys(("x_min", "x_max", "y_min", "y_max"), PERIODIC)
+
+
+def shear(viscosity):
+    """A periodic box of sheared fluid; the shear decays at nu (2 pi)^2."""
+    wave = Fluid(
+        Box((0.0, 0.0), (1.0, 1.0)), velocity=lambda x: np.stack([np.sin(2 * np.pi * x[:, 1]), 0 * x[:, 1]], 1)
+    )
+    material = Material(viscosity=viscosity)
+    return Scene(**BOX, fluid=[wave], faces=SIDES, gravity=0.0, material=material, reference_speed=1.0)
+
+
+def decay_rate(solver, world):
+    """Rate at which the shear of a world decays over the next 0.1 s [1/s]."""
+    before = measure(solver, world).kinetic_energy
+    solver.advance(0.1)
+    return -0.5 * np.log(measure(solver, world).kinetic_energy / before) / 0.1
+
+
+def test_each_world_has_the_viscosity_it_is_given(device):
+    solver = Solver(shear(0.01), Scheme(artificial_viscosity=0.0), num_worlds=2, device=device)
+    assert decay_rate(solver, 0) == pytest.approx(0.01 * (2 * np.pi) ** 2, rel=0.1)
+    solver.set_parameters(viscosity=[0.01, 0.04])
+    assert decay_rate(solver, 0) == pytest.approx(0.01 * (2 * np.pi) ** 2, rel=0.1)
+    solver.reset()
+    solver.advance(0.1)
+    assert decay_rate(solver, 1) == pytest.approx(0.04 * (2 * np.pi) ** 2, rel=0.1)
+    np.testing.assert_array_equal(solver.parameter("viscosity"), [0.01, 0.04])
+
+
+def test_viscosity_that_was_left_out_is_compiled_in_when_it_is_wanted(device):
+    solver = Solver(shear(0.0), Scheme(artificial_viscosity=0.0), device=device)
+    without = solver._kernels.kick
+    solver.advance(0.1)
+    solver.set_parameters(viscosity=0.02)
+    assert solver._kernels.kick is not without
+    assert solver.time[0] == pytest.approx(0.1)
+    assert decay_rate(solver, 0) == pytest.approx(0.02 * (2 * np.pi) ** 2, rel=0.1)
+    with_it = solver._kernels.kick
+    solver.set_parameters(viscosity=0.03)
+    assert solver._kernels.kick is with_it  # a value, not a structure
+    solver.set_parameters(viscosity=0.0)
+    assert solver._kernels.kick is without  # kept from before
+
+
+def test_pressure_outlives_a_change_of_the_sound_speed(device):
+    tank = Scene(**BOX, fluid=[Fluid(Box((0.0, 0.0), (1.0, 0.5)), pressure="hydrostatic")])
+    solver = Solver(tank, num_worlds=2, device=device)
+    solver.advance(0.5)
+    before, step = solver.particles(1).pressure, solver.max_step
+    c_0 = solver.parameter("sound_speed")[0]
+    solver.set_parameters(sound_speed=[c_0, 2.0 * c_0])
+    np.testing.assert_allclose(solver.particles(1).pressure, before, rtol=1e-4, atol=1.0)
+    assert 0.5 * step < solver.max_step < 0.6 * step
+    solver.advance(0.3)
+    for world in range(2):
+        depth = pressure_at(solver, np.array([[0.5, 0.1]]), world)[0]
+        assert depth == pytest.approx(1000.0 * 9.81 * 0.4, rel=0.1)
+    errors = [measure(solver, world).largest_density_error for world in range(2)]
+    assert errors[1] == pytest.approx(0.25 * errors[0], rel=0.3)
+
+
+def test_stiffness_of_penalty_walls_changes_live(device):
+    water = [Fluid(Box((0.0, 0.0), (1.0, 0.5)))]
+    scene = Scene(**BOX, fluid=water, material=Material(viscosity=0.05, sound_speed=30.0), reference_speed=3.0)
+    solver = Solver(scene, MUELLER, num_worlds=2, device=device)
+    solver.set_parameters(wall_stiffness=[0.5, 0.05])
+    solver.advance(0.3)
+    lowest = [solver.particles(world).position[:, 1].min() for world in range(2)]
+    assert lowest[1] < lowest[0] - 0.002
+
+
+def test_changes_are_saved_and_restored(device):
+    solver = Solver(shear(0.01), device=device)
+    saved = solver.save()
+    solver.set_parameters(viscosity=0.05, sound_speed=20.0)
+    solver.restore(saved)
+    assert solver.parameter("viscosity")[0] == 0.01
+    assert solver.parameter("sound_speed")[0] == pytest.approx(10.0)
+    fresh = Solver(shear(0.01), device=device)
+    for each in (solver, fresh):
+        each.advance(0.1)
+    np.testing.assert_array_equal(solver.particles().velocity, fresh.particles().velocity)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"colour": 1.0}, "Solver.set_parameters 'colour' is unknown; use viscosity, sound_speed, thermal_diffusivity"),
+        ({"viscosity": -1.0}, "Solver.set_parameters viscosity[0] = -1 is below the limit 0 or not finite"),
+        ({"viscosity": [1.0, 2.0, 3.0]}, "Solver.set_parameters viscosity has shape (3,), limit (1,); give one number"),
+        ({"sound_speed": 1.0}, "Solver.set_parameters sound_speed[0] = 1 is below the limit 5 or not finite"),
+        (
+            {"thermal_diffusivity": 1.0},
+            "Solver.set_parameters thermal_diffusivity is of no effect in a scene that keeps",
+        ),
+    ],
+)
+def test_bad_parameter_is_refused_in_one_line_and_changes_nothing(changes, message):
+    solver = Solver(shear(0.01), device="cpu")
+    with pytest.raises(ValueError) as error:
+        solver.set_parameters(density_diffusion=0.2, **changes)
+    assert str(error.value).startswith(message)
+    assert "\n" not in str(error.value)
+    assert solver.parameter("density_diffusion")[0] == 0.1
+
+
+def test_forces_not_asked_for_are_refused():
+    solver = Solver(shear(0.01), device="cpu")
+    with pytest.raises(RuntimeError, match=r"make the Solver\(report_forces=True\)"):
+        _ = solver.face_force
+
+
+def test_scheme_and_scene_that_do_not_go_together_are_refused():
+    tank = dict(**BOX, fluid=[Fluid(Box((0.0, 0.0), (1.0, 0.5)))])
+    sticky = Scene(**tank, faces={"y_min": NO_SLIP_WALL})
+    with pytest.raises(ValueError, match="cannot be kept by Scheme"):
+        Solver(sticky, MUELLER, device="cpu")
+
+
+def test_pressure_at_a_thin_gate_is_that_of_its_side(device):
+    water = [
+        Fluid(Box((0.0, 0.0), (0.5, 0.8)), pressure="hydrostatic"),
+        Fluid(Box((0.51, 0.0), (1.0, 0.4)), pressure="hydrostatic"),
+    ]
+    gate = {"gate": Body(Box((0.5, 0.0), (0.51, 1.0)))}
+    solver = Solver(
+        Scene(**{**BOX, "particle_spacing": 0.025}, fluid=water, bodies=gate),
+        Scheme(state_equation=TAIT),
+        device=device,
+    )
+    left, right = pressure_at(solver, np.array([[0.49, 0.2], [0.52, 0.2]]))
+    assert left == pytest.approx(1000.0 * 9.81 * 0.6, rel=0.05)
+    assert right == pytest.approx(1000.0 * 9.81 * 0.2, rel=0.1)

@@ -1,0 +1,176 @@
+"""A scene pays for what it has: without a feature there is no code for it, no launch and no array."""
+
+import dataclasses
+from functools import lru_cache
+
+import pytest
+import warp as wp
+
+from fluidgym.scene import NO_SLIP_WALL, OPEN, PERIODIC, Ball, Body, Box, Face, Fluid, Inflow, Material, Outflow, Scene
+from fluidgym.scheme import MUELLER, Scheme
+from fluidgym.solver import Solver
+from fluidgym.sph.integrators import EXPLICIT_EULER
+from fluidgym.sph.wall_models import ClampWalls, FrozenWalls
+
+BASE = Scene(
+    (0.0, 0.0),
+    (1.0, 1.0),
+    0.05,
+    [Fluid(Box((0.0, 0.0), (0.4, 0.4)))],
+    {"x_max": OPEN},
+    reference_speed=3.0,
+)
+BARE = Scheme(artificial_viscosity=0.0, density_diffusion=0.0)
+
+
+def scene(**changes):
+    """The base scene with something in it."""
+    return dataclasses.replace(BASE, **changes)
+
+
+def warm(**changes):
+    """The base scene with heat in it."""
+    return scene(material=Material(thermal_diffusivity=1e-3), **changes)
+
+
+SHEET = {"sheet": Body(Box((0.5, 0.0), (0.51, 0.5)))}
+JET = {"jet": Inflow((0.0, 0.8), (1.0, 0.0), 0.1, 1.0)}
+
+# What is on, and words of the generated source that only it brings: {kernel: words}.
+FEATURES = {
+    "viscosity": (scene(material=Material(viscosity=1e-3)), BARE, {"kick": ["viscosity_morris", "float d ="]}),
+    "artificial viscosity": (BASE, Scheme(density_diffusion=0.0), {"kick": ["artificial_viscosity_"]}),
+    "density diffusion": (BASE, Scheme(artificial_viscosity=0.0), {"advance_density": ["density_diffusion_"]}),
+    "no-slip wall": (scene(faces={"y_min": NO_SLIP_WALL, "x_max": OPEN}), BARE, {"kick": ["S1 * x1"]}),
+    "body": (
+        scene(bodies=SHEET),
+        BARE,
+        {"drift": ["keep_out"], "advance_density": ["shadow", "hidden", "keep_out"], "kick": ["shadow", "hidden"]},
+    ),
+    "nozzle": (scene(inflows=JET), BARE, {"drift": ["carried"], "advance_density": ["weighed"], "kick": ["carried"]}),
+    "drain": (
+        scene(outflows={"drain": Outflow(Box((0.8, 0.0), (1.0, 0.2)))}),
+        BARE,
+        {"drift": ["carried"], "kick": ["carried"]},
+    ),
+    "central force": (
+        scene(central_force=1.0),
+        BARE,
+        {"kick": [").central_force"], "advance_density": [").central_force"]},
+    ),
+    "penalty walls": (BASE, dataclasses.replace(BARE, walls=MUELLER.walls), {"kick": [").wall_stiffness"]}),
+    "clamping walls": (BASE, dataclasses.replace(BARE, walls=ClampWalls()), {"drift": [").wall_damping"]}),
+    "frozen walls": (BASE, dataclasses.replace(BARE, walls=FrozenWalls()), {"kick": ["near_bare"]}),
+    "mueller": (BASE, MUELLER, {"advance_density": ["poly6"], "kick": ["spiky"]}),
+    "explicit Euler": (BASE, dataclasses.replace(BARE, integrator=EXPLICIT_EULER), {}),
+    "periodic faces": (
+        scene(faces={"x_min": PERIODIC, "x_max": PERIODIC}),
+        BARE,
+        {"drift": ["wrap"]},
+    ),
+}
+
+
+@lru_cache
+def sources(index, folder):
+    """Generated source of the kernels of the base scene (None) or of one with a feature, by name, without comments."""
+    what, scheme = (BASE, BARE) if index is None else FEATURES[index][:2]
+    solver = Solver(what, scheme, device="cpu")
+    found = {}
+    for name, kernel in vars(solver._kernels).items():
+        if kernel is None:
+            continue
+        place = folder / f"{index}" / name
+        wp.compile_aot_module(kernel.module, arch=80, use_ptx=True, module_dir=place)
+        (path,) = place.glob("*.cu")
+        # Warp quotes the Python lines in comments, those it left out as well.
+        lines = [line for line in path.read_text().splitlines() if not line.lstrip().startswith("//")]
+        found[name] = "\n".join(lines)
+    return found
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Where the sources go."""
+    return tmp_path_factory.mktemp("sources")
+
+
+@pytest.mark.parametrize("feature", FEATURES)
+def test_only_a_scene_with_a_feature_has_code_for_it(feature, folder):
+    base, with_it = sources(None, folder), sources(feature, folder)
+    for kernel, words in FEATURES[feature][2].items():
+        for word in words:
+            assert word in with_it[kernel], f"{word} in {kernel}"
+            assert word not in base[kernel], f"{word} in {kernel} of the base scene"
+
+
+def test_two_dimensions_pay_nothing_for_the_third_and_walls_nothing_for_openings(folder):
+    base, closed = sources(None, folder), sources("artificial viscosity", folder)
+    assert all("z_low" not in source for source in (*base.values(), *closed.values()))
+    assert "has_left" in base["drift"]
+    assert "has_left" not in sources("periodic faces", folder)["drift"]
+    assert "keep_inside" in base["drift"]
+
+
+def launches(what, scheme=BARE, **options):
+    """Names of the kernels that one step launches, in order."""
+    solver = Solver(what, scheme, device="cpu", **options)
+    names, launch = [], wp.launch
+    try:
+        wp.launch = lambda kernel, *rest, **more: (names.append(kernel.func.__name__), launch(kernel, *rest, **more))
+        solver._launch(1)
+    finally:
+        wp.launch = launch
+    return names
+
+
+def test_a_step_launches_what_the_scene_has():
+    base = ["drift", "order_by_cell", "gather", "advance_density", "kick"]
+    assert launches(BASE) == base
+    assert launches(scene(inflows=JET)) == [*base, "emit"]
+    assert launches(warm()) == [*base, "conduct"]
+    assert launches(scene(bodies=SHEET)) == base  # it stands still
+    moving = {"sheet": dataclasses.replace(SHEET["sheet"], moving=True)}
+    assert launches(scene(bodies=moving)) == ["advance_driven", *base]
+    assert launches(scene(faces={"x_min": Face(moving=True), "x_max": OPEN})) == ["advance_driven", *base]
+
+
+def arrays(solver):
+    """Sizes of the device arrays of a solver, by name."""
+    found = {}
+
+    def look(name, value):
+        if isinstance(value, wp.array):
+            found[name] = value.size
+        elif type(value).__name__ in ("State", "ParticleArrays", "NewStructInstance"):
+            for field, part in vars(value).items():
+                # An array of a struct that was never given is None.
+                if not field.startswith("_"):
+                    look(f"{name}.{field}", wp.empty(0, device="cpu") if part is None else part)
+
+    for name, value in vars(solver).items():
+        look(name, value)
+    return found
+
+
+def test_what_a_scene_lacks_has_no_array():
+    base = arrays(Solver(BASE, BARE, device="cpu"))
+    absent = [name for name, size in base.items() if size == 0]
+    for word in ("bodies", "_nozzles", "_drains", "_frozen", "ledger", "temperature", "forces"):
+        of_it = [name for name in base if word in name]
+        assert of_it, word
+        assert all(name in absent or name.startswith(("state.faces",)) for name in of_it), word
+    full = arrays(
+        Solver(
+            warm(
+                bodies={"ball": Body(Ball((0.7, 0.2), 0.1))},
+                inflows=JET,
+                outflows={"end": Outflow(Box((0.9, 0.0), (1.0, 0.1)))},
+            ),
+            dataclasses.replace(BARE, walls=FrozenWalls()),
+            device="cpu",
+            report_forces=True,
+        )
+    )
+    missing = [name for name, size in full.items() if size == 0 and not name.startswith("state.sorted.acceleration")]
+    assert not missing
