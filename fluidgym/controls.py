@@ -127,7 +127,8 @@ class Controls:
             where = label or f"[{', '.join(map(str, at))}]"
             raise ValueError(
                 f"Solver.{name}{' ' if label else ''}{where} = {values[at]:g} {limits.unit} is outside"
-                f" {limits.lowest:g} to {limits.highest:g} {limits.unit}; use a {_remedy(float(values[at]), limits)} value"
+                f" {limits.lowest:g} to {limits.highest:g} {limits.unit};"
+                f" use a {_remedy(float(values[at]), limits)} value"
             )
 
 

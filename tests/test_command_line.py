@@ -14,9 +14,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from fluidgym import paraview, recording
+from fluidgym import benchmark, paraview, recording
 from fluidgym.__main__ import main
+from fluidgym.layout import Parameters, make_structure
 from fluidgym.scene_file import load
+from fluidgym.scheme import DEFAULT_SCHEME
 from fluidgym.validation import CASES, dam_break
 from fluidgym.validation.report import write_json
 
@@ -137,6 +139,36 @@ def test_a_benchmark_keeps_every_row_it_has(tmp_path, monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         main(["benchmark", *arguments])
     assert written == [2, 3]  # the machine, and one row more each time
+
+
+def test_a_benchmark_of_features_has_a_row_for_each(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(benchmark, "PAIRS", 2)
+    file = tmp_path / "out.json"
+    arguments = ["--features", "--dim", "2", "--particles", "100", "--device", "cpu", "--json", str(file)]
+    assert main(["benchmark", *arguments]) == 0
+    machine, *rows = json.loads(file.read_text())
+    assert machine["machine"]["device"]
+    assert [row["feature"] for row in rows] == list(benchmark.featured(benchmark.still_scene(2, 100)))
+    assert len(rows) > 10
+    for row in rows:
+        assert 50 < row["particles"] < 150
+        assert row["ms_per_step"] > 0.0
+        assert row["ms_per_step_without"] > 0.0
+        assert 0.0 < row["lowest"] <= row["ratio"] <= row["highest"]
+    printed = capsys.readouterr().out.splitlines()
+    assert all(row["feature"] in line for row, line in zip(rows, printed[2:], strict=True))
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_feature_that_is_named_and_off_is_as_if_it_were_not_named(dim):
+    still = benchmark.still_scene(dim, 6**dim)
+    structures = [
+        make_structure(scene, scheme, Parameters(scene, scheme, 1), forces, plain=False)
+        for scene, scheme, forces in [(still, DEFAULT_SCHEME, False), *benchmark.featured(still).values()]
+    ]
+    assert structures[1] == structures[0]
+    # A face that moves differs by numbers only.
+    assert sum(structure == structures[0] for structure in structures) == 3
 
 
 def test_json_is_written_whole_or_not_at_all(tmp_path):

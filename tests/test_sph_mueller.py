@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.polynomial import Polynomial
 
+from fluidgym.layout import lattice_laplacian
 from fluidgym.scene import OPEN, PERIODIC, Box, Face, Fluid, Material, Particles, Scene, face_names
 from fluidgym.scheme import DEFAULT_SCHEME, MUELLER, Scheme
 from fluidgym.solver import Solver
@@ -179,6 +180,7 @@ class DeltaReference(Reference):
         ):
             force = -(self.c_0**2) * (self.pressure(now.s)[:, None] + self.pressure(s)[None])
             force += K * (x * u).sum(axis=2) / (r**2 + 0.01 * self.h**2)
+            nu = nu / lattice_laplacian(self.scheme.kernel, self.h / DX, self.dim)
             a += self.V * (self.slope(r)[:, :, None] * (force[:, :, None] * x + 2.0 * nu * u)).sum(axis=1)
         return a
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import warp as wp
 
+from fluidgym.layout import lattice_laplacian
 from fluidgym.scheme import DEFAULT_SCHEME
 from fluidgym.sph import smoothing
 from fluidgym.sph.constants import Constants
@@ -95,6 +96,19 @@ def test_kernel_is_nothing_beyond_its_support_and_finite_at_its_centre(kernel, d
     scale = W[0]
     np.testing.assert_allclose(W[3:] / scale, 0.0, atol=1e-12)
     np.testing.assert_allclose(slope[3:] * H**2 / scale, 0.0, atol=1e-12)
+
+
+@each_dim
+@pytest.mark.parametrize("ratio", [1.3, 1.5, 2.0])
+def test_lattice_constant_makes_the_laplacian_of_a_parabola_exact(dim, ratio):
+    # sum 2 V (f_i - f_j) W'/r of f = x^2 on a lattice is k times its Laplacian, 2.
+    for kernel in (smoothing.WENDLAND_C2, smoothing.WENDLAND_C4, smoothing.CUBIC_SPLINE):
+        dx = 0.1
+        line = np.arange(-7, 8) * dx
+        x = np.stack([axis.ravel() for axis in np.meshgrid(*[line] * dim)])
+        _, slope = evaluate(kernel, np.sqrt((x**2).sum(axis=0)), dim, ratio * dx)
+        laplacian = (2.0 * dx**dim * (0.0 - x[0] ** 2) * slope).sum()
+        assert laplacian / lattice_laplacian(kernel, ratio, dim) == pytest.approx(2.0, rel=1e-5)
 
 
 @each_dim

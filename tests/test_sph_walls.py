@@ -7,8 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from fluidgym.layout import lattice_laplacian
 from fluidgym.scene import NO_SLIP_WALL, OPEN, PERIODIC, Box, Face, Fluid, Material, Particles, Scene, face_names
 from fluidgym.solver import Solver
+from fluidgym.sph.smoothing import WENDLAND_C2
 
 DX = 0.1
 DELTA, ALPHA = 0.1, 0.01  # of the default scheme
@@ -94,6 +96,7 @@ class Reference:
         self.c_0, self.g = scene.sound_speed, np.asarray(scene.gravity)
         self.V = scene.particle_spacing**scene.dim
         self.nu = scene.material.viscosity
+        self.nu_lattice = self.nu / lattice_laplacian(WENDLAND_C2, self.h / scene.particle_spacing, self.dim)
         self.K = max(0.0, ALPHA * self.h * self.c_0 - 2 * (self.dim + 2) * self.nu)
 
     def slope(self, r):
@@ -158,7 +161,7 @@ class Reference:
             xu = (d * u).sum(axis=2)
             P_m = np.maximum(P + lift, np.minimum(P, 0))  # gravity does not make a wall pull
             f = -(self.c_0**2) * (P[:, None] + P_m) + self.K * xu / (r**2 + 0.01 * self.h**2)
-            a += self.V * (self.slope(r)[:, :, None] * (f[:, :, None] * d + 2 * self.nu * u)).sum(axis=1)
+            a += self.V * (self.slope(r)[:, :, None] * (f[:, :, None] * d + 2 * self.nu_lattice * u)).sum(axis=1)
         return a
 
     def step(self, now, dt, wall_a):
