@@ -204,17 +204,8 @@ def _add_benchmark(commands: argparse._SubParsersAction) -> None:
 
 
 def benchmark(chosen: argparse.Namespace) -> int:
-    """Time the falling column, and run the dam break of the validation suite for the error beside it; or features."""
-    from fluidgym.benchmark import (
-        COST_HEAD,
-        SPEED_HEAD,
-        STRETCHES,
-        cost_line,
-        machine,
-        measure_costs,
-        measure_speed,
-        speed_line,
-    )
+    """Time the falling column, with the front error of the validation suite's dam break beside it; or features."""
+    from fluidgym.benchmark import COST_HEAD, SPEED_HEAD, machine, measure_costs
     from fluidgym.solver import find_device
     from fluidgym.validation import CASES, run
     from fluidgym.validation.report import as_json, write_json
@@ -228,8 +219,6 @@ def benchmark(chosen: argparse.Namespace) -> int:
     except ValueError as error:
         return _refuse(str(error))
     facts = machine(device)
-    head = COST_HEAD if chosen.features else SPEED_HEAD
-    print(", ".join(f"{name} {value}" for name, value in facts.items()), head, sep="\n", flush=True)
     objects: list[dict[str, Any]] = [{"machine": facts}]
 
     def keep(found: dict[str, Any]) -> None:
@@ -237,27 +226,29 @@ def benchmark(chosen: argparse.Namespace) -> int:
         if chosen.json:
             write_json(chosen.json, objects)
 
-    dims = (chosen.dim,) if chosen.dim else (2, 3)
-    for dim, worlds, particles in product(dims, chosen.worlds, sizes):
-        label = f"{dim}D, {worlds} x {particles}"
+    measured, head = (measure_costs, COST_HEAD) if chosen.features else (_speeds, SPEED_HEAD)
+    print(", ".join(f"{name} {value}" for name, value in facts.items()), head, sep="\n", flush=True)
+    for dim, worlds, particles in product((chosen.dim,) if chosen.dim else (2, 3), chosen.worlds, sizes):
         try:
-            if chosen.features:
-                for cost in measure_costs(dim, particles, worlds, device):
-                    keep(asdict(cost))
-                    print(cost_line(cost), flush=True)
-                continue
-            with tqdm(total=STRETCHES + 1, desc=label, leave=False, disable=None) as bar:
-                speed = measure_speed(dim, particles, worlds, device, progress=bar.update)
+            for row in measured(dim, particles, worlds, device):
+                keep(asdict(row))
+                print(row.line(), flush=True)
         except ValueError as error:  # too few particles for the scene
-            return _refuse(f"{label}: {error}")
-        keep(asdict(speed))
-        print(speed_line(speed), flush=True)
+            return _refuse(f"{dim}D, {worlds} x {particles}: {error}")
     if chosen.features:
         return 0
     result = run(CASES["dam-break"], 40, 2, device)
     print(f"front error of the same scheme, dam-break at H/40: {result.errors['front']:.2%} in {result.wall_s:.2f} s")
     keep(as_json(result, {}))
     return 0
+
+
+def _speeds(dim: int, particles: int, worlds: int, device: str) -> list[Any]:
+    """The speed of the falling column, with a bar on the terminal while it is measured."""
+    from fluidgym.benchmark import STRETCHES, measure_speed
+
+    with tqdm(total=STRETCHES + 1, desc=f"{dim}D, {worlds} x {particles}", leave=False, disable=None) as bar:
+        return [measure_speed(dim, particles, worlds, device, progress=bar.update)]
 
 
 def _check_json(path: Path | None) -> None:

@@ -71,6 +71,14 @@ class Speed:
     steps_per_simulated_s: float
     wall_s_per_simulated_s: float
 
+    def line(self) -> str:
+        """One row under SPEED_HEAD."""
+        return (
+            f"{self.dim}D   {f'{self.worlds} x {self.particles}':>18}  {self.ms_per_step:9.3f}  {self.spread:6.2f}"
+            f"  {1e-6 * self.particle_steps_per_s:18.2f}  {self.steps_per_simulated_s:19.0f}"
+            f"  {self.wall_s_per_simulated_s:20.2f}  {self.setup_s:8.1f}"
+        )
+
 
 def machine(device: str) -> dict[str, str]:
     """What a speed belongs to: processor or GPU, its driver, Warp, Python."""
@@ -89,15 +97,6 @@ def _processor() -> str:
     except OSError:
         return platform.processor() or platform.machine()
     return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), platform.machine())
-
-
-def speed_line(speed: Speed) -> str:
-    """One row under SPEED_HEAD."""
-    return (
-        f"{speed.dim}D   {f'{speed.worlds} x {speed.particles}':>18}  {speed.ms_per_step:9.3f}  {speed.spread:6.2f}"
-        f"  {1e-6 * speed.particle_steps_per_s:18.2f}  {speed.steps_per_simulated_s:19.0f}"
-        f"  {speed.wall_s_per_simulated_s:20.2f}  {speed.setup_s:8.1f}"
-    )
 
 
 def column_scene(dim: int, particles: int) -> Scene:
@@ -195,14 +194,13 @@ class Cost:
     lowest: float
     highest: float
 
-
-def cost_line(cost: Cost) -> str:
-    """One row under COST_HEAD."""
-    return (
-        f"{cost.dim}D   {f'{cost.worlds} x {cost.particles}':>18}  {cost.feature:<33}  {cost.ms_per_step:9.3f}"
-        f"  {cost.ms_per_step_without:7.3f}  {cost.ratio:5.2f}  {cost.lowest:6.2f}  {cost.highest:7.2f}"
-        f"  {cost.setup_s:8.1f}"
-    )
+    def line(self) -> str:
+        """One row under COST_HEAD."""
+        return (
+            f"{self.dim}D   {f'{self.worlds} x {self.particles}':>18}  {self.feature:<33}  {self.ms_per_step:9.3f}"
+            f"  {self.ms_per_step_without:7.3f}  {self.ratio:5.2f}  {self.lowest:6.2f}  {self.highest:7.2f}"
+            f"  {self.setup_s:8.1f}"
+        )
 
 
 def still_scene(dim: int, particles: int) -> Scene:
@@ -222,7 +220,7 @@ def still_scene(dim: int, particles: int) -> Scene:
 def _bare_scene(dim: int, spacing: float) -> Scene:
     side = (1.0,) * (dim - 1)
     fluid = Fluid(Box((0.0,) * dim, (*side, 1.0)), pressure="hydrostatic")
-    return Scene((0.0,) * dim, (*side, 2.0), spacing, fluid, reference_speed=4.0)
+    return Scene((0.0,) * dim, (*side, 2.0), spacing, [fluid], reference_speed=4.0)
 
 
 def featured(base: Scene) -> dict[str, tuple[Scene, Scheme, bool]]:
@@ -236,7 +234,7 @@ def featured(base: Scene) -> dict[str, tuple[Scene, Scheme, bool]]:
     down = (0.0,) * (dim - 1) + (-1.0,)
     nozzle = Inflow((*(0.5,) * (dim - 1), 1.9), down, width=4.0 * dx, speed=0.5)
     drain = Outflow(Box((0.0,) * dim, (2.0 * dx,) * dim))
-    water = Material(viscosity=1e-6)
+    water, conductor = Material(viscosity=1e-6), Material(thermal_diffusivity=1e-6)
     stickiness = base.sound_speed * 2.0 * dx / 160.0  # what the preset mueller needs to hold still
     scenes = {
         "nothing, and nothing named": _bare_scene(dim, dx),
@@ -244,9 +242,8 @@ def featured(base: Scene) -> dict[str, tuple[Scene, Scheme, bool]]:
         "viscosity and walls of no slip": replace(
             base, material=water, faces=dict.fromkeys(face_names(dim), NO_SLIP_WALL)
         ),
-        "heat, from the floor": replace(
-            base, material=Material(thermal_diffusivity=1e-6), faces={floor: Face(temperature=1.0)}
-        ),
+        "heat": replace(base, material=conductor),
+        "heat and a warm floor": replace(base, material=conductor, faces={floor: Face(temperature=1.0)}),
         "a face that may move": replace(base, faces={far: Face(moving=True)}),
         "a gate, thin, that may move": replace(base, bodies={"gate": Body(plate, moving=True)}),
         "an obstacle, a ball": replace(base, bodies={"ball": ball}),

@@ -178,7 +178,8 @@ class Scheme:
         assert self.courant is not None
         step = self.courant * h / (sound_speed + speed)
         if viscosity:
-            step = min(step, 0.125 * h * h / viscosity)
+            # Along the line of a pair alone, as Monaghan has it, the same viscosity is stiffer between walls that stick.
+            step = min(step, (0.125 if isinstance(self.viscosity, Drag) else 0.06) * h * h / viscosity)
         if gravity:
             step = min(step, 0.5 * math.sqrt(h / gravity))
         return step
