@@ -7,7 +7,7 @@ from typing import Any, overload
 
 import numpy as np
 
-from fluidgym.scene import Scene, face_names
+from fluidgym.scene import AXES, Inflow, Scene, face_names
 
 
 @dataclass(frozen=True)
@@ -118,6 +118,22 @@ class Controls:
             self._check_limits("inflow_direction", Limits(-1e6, 1e6, "1"), place, label)
             if not self._now["inflow_direction"][:, index].any(axis=1).all():
                 raise ValueError(f"Solver.inflow_direction {label} has no length in some world; give the way out")
+            self._check_pipe(name, inflow, index)
+
+    def _check_pipe(self, name: str, inflow: Inflow, index: int) -> None:
+        """Refuse a pipe whose end is outside the box."""
+        way = self._now["inflow_direction"][:, index]
+        length = inflow.pipe_length(self._scene.particle_spacing)
+        end = self._now["inflow_center"][:, index] + length * way / np.linalg.norm(way, axis=1, keepdims=True)
+        slack = 1e-6 * np.subtract(self._scene.upper, self._scene.lower)
+        wrong = np.argwhere((end < self._scene.lower - slack) | (end > self._scene.upper + slack))
+        if len(wrong):
+            world, axis = wrong[0]
+            raise ValueError(
+                f"Solver.inflow_center and inflow_direction put the end of {name!r} at {AXES[axis]} ="
+                f" {end[world, axis]:g} m in world {world}, outside {self._scene.lower[axis]:g} to"
+                f" {self._scene.upper[axis]:g} m; keep the pipe inside the box"
+            )
 
     def _check_limits(self, name: str, limits: Limits, place: Any = (), label: str = "") -> None:
         values = self._now[name][place]

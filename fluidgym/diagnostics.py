@@ -81,7 +81,13 @@ def measure(solver: Solver, world: int = 0) -> Measurement:
         mass=mass(particles, scene),
         kinetic_energy=kinetic_energy(particles, scene),
         potential_energy=potential_energy(particles, scene, solver.gravity[world]),
-        elastic_energy=elastic_energy(particles, scene, solver.scheme),
+        elastic_energy=elastic_energy(
+            particles,
+            scene,
+            solver.scheme,
+            sound_speed=solver.parameter("sound_speed")[world],
+            gamma=solver.parameter("gamma")[world],
+        ),
         momentum=momentum(particles, scene),
         center_of_mass=center_of_mass(particles),
         second_moments=second_moments(particles),
@@ -111,17 +117,23 @@ def potential_energy(particles: Particles, scene: Scene, gravity: Sequence[float
     return scene.particle_mass * float(pull - (position @ g).sum())
 
 
-def elastic_energy(particles: Particles, scene: Scene, scheme: Scheme = DEFAULT_SCHEME) -> float:
+def elastic_energy(
+    particles: Particles,
+    scene: Scene,
+    scheme: Scheme = DEFAULT_SCHEME,
+    sound_speed: float | None = None,
+    gamma: float | None = None,
+) -> float:
     """Energy of compression [J]: the integral of p over s, from rest, for each rest volume.
 
     It is just what the pressure force of the scheme takes from the kinetic energy, for any state equation; for the
-    linear one it is m c_0^2 s^2 / 2.
+    linear one it is m c_0^2 s^2 / 2. Speed of sound [m/s] and gamma are those of the scene and the scheme unless given.
     """
     s = density_error(particles, scene)[:, None]
     share = 0.5 * s * (1.0 + _NODES)
-    pressure = scheme.pressure_law.pressure_of(share, scheme.gamma)
+    pressure = scheme.pressure_law.pressure_of(share, scheme.gamma if gamma is None else gamma)
     integral = (0.5 * s * pressure) @ _WEIGHTS
-    return scene.particle_mass * scene.sound_speed**2 * float(integral.sum())
+    return scene.particle_mass * (sound_speed or scene.sound_speed) ** 2 * float(integral.sum())
 
 
 def momentum(particles: Particles, scene: Scene) -> np.ndarray:
@@ -185,8 +197,15 @@ def pressure_at(solver: Solver, points: np.ndarray, world: int = 0) -> np.ndarra
         solver: The solver.
         points: Places [m], (n, dim).
         world: Number of the world.
+
+    Raises:
+        ValueError: The places are not finite or have another shape.
     """
     points = np.asarray(points, float)
+    if points.ndim != 2 or points.shape[1] != solver.scene.dim or not np.isfinite(points).all():
+        raise ValueError(
+            f"pressure_at points of shape {points.shape} must be finite, (n, {solver.scene.dim}); give one row a place"
+        )
     reach = 2.0 * solver.scheme.smoothing_length(solver.scene.particle_spacing, solver.scene.dim)
     position, pressure = _with_images(solver, world, reach)
     near = np.all((position > points.min(axis=0) - reach) & (position < points.max(axis=0) + reach), axis=1)
@@ -206,7 +225,7 @@ def _hidden(solver: Solver, world: int, body: int, points: np.ndarray, position:
     """
     bodies = solver.state.bodies
     if isinstance(list(solver.scene.bodies.values())[body].shape, Ball):
-        return np.zeros((len(points), len(position)), bool)
+        return np.zeros((len(points), len(position)), bool)  # a ball hides next to nothing
     half = bodies.half.numpy()[body].astype(float)
     start = (points - bodies.position.numpy()[world, body].astype(float))[:, None]
     way = position[None] - points[:, None]
@@ -239,7 +258,8 @@ def _with_images(solver: Solver, world: int, reach: float) -> tuple[np.ndarray, 
                 change = 0.0
             else:
                 image[:, axis] = 2.0 * at[face] - image[:, axis]
-                pull = scene.material.density * (solver.gravity[world, axis] - acceleration[face])
+                gravity = solver.gravity[world, axis] - scene.central_force * position[close, axis]
+                pull = scene.material.density * (gravity - acceleration[face])
                 change = pull * (image[:, axis] - position[close, axis])
             images.append((image, pressure[close], lift[close] + change))
         position, pressure, lift = (np.concatenate(parts) for parts in zip(*images, strict=True))

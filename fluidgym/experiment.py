@@ -164,7 +164,11 @@ class Keyframes:
 
     def knots(self) -> np.ndarray:
         """Instants at which it bends [s], (n,)."""
-        return _knots(self.target, np.asarray(self.times))
+        times = np.asarray(self.times)
+        if not self.displacement:
+            return _knots(self.target, times)
+        # At each it takes on the next velocity, within a hundredth of the shortest stretch.
+        return np.sort(np.concatenate([times, times + 0.01 * np.diff(times).min()]))
 
     def control(self, t: np.ndarray, base: np.ndarray) -> np.ndarray:
         """The control at times [s] (n,) or, for vectors, (n, dim), given what it is without this motion."""

@@ -11,12 +11,13 @@ import numpy as np
 import warp as wp
 
 from fluidgym.scene import AXES, LEAST_MACH_MARGIN, Ball, Face, Scene, face_names
-from fluidgym.scheme import Scheme
+from fluidgym.scheme import LIMITS, Scheme
 from fluidgym.sph.bodies import make_bodies
 from fluidgym.sph.neighbors import make_grid
 from fluidgym.sph.smoothing import POLY6, SmoothingKernel
+from fluidgym.sph.state_equation import LINEAR
 from fluidgym.sph.structure import Structure
-from fluidgym.sph.wall_models import ClampWalls, FrozenWalls, MirrorWalls, PenaltyWalls
+from fluidgym.sph.wall_models import WALL_LIMITS, ClampWalls, FrozenWalls, MirrorWalls, PenaltyWalls
 from fluidgym.state import PADDING, Drains, Frozen, Nozzles
 
 _DRAINS: Any = Drains  # Warp structs: to a type checker no classes
@@ -74,19 +75,39 @@ class Parameters:
                     f"Solver.set_parameters {name} has shape {np.shape(value)}, limit {shape}; give one number, or one"
                     " for each world"
                 ) from None
-            least = 0.0 if name != "central_force" else -math.inf
-            if name == "sound_speed":
-                least = LEAST_MACH_MARGIN * self._scene.speed_scale
-            if name == "gamma":
-                least = 1.0
-            wrong = np.flatnonzero(~(np.isfinite(array) & (array >= least)))
+            least, most = self._limits(name)
+            wrong = np.flatnonzero(~(np.isfinite(array) & (array >= least) & (array <= most)))
             if len(wrong):
                 raise ValueError(
-                    f"Solver.set_parameters {name}[{wrong[0]}] = {array[wrong[0]]:g} is below the limit {least:g} or"
-                    " not finite; use a larger number"
+                    f"Solver.set_parameters {name}[{wrong[0]}] = {array[wrong[0]]:g} is outside {least:g} to {most:g};"
+                    f" use a {'smaller' if array[wrong[0]] > most else 'larger'} number"
                 )
             new[name] = array
         self.values |= new
+
+    def _limits(self, name: str) -> tuple[float, float]:
+        """What a parameter may be: as where it is first given.
+
+        Raises:
+            ValueError: It is of no effect under the scheme.
+        """
+        of_walls = {"wall_stiffness": PenaltyWalls, "wall_margin": PenaltyWalls, "wall_damping": ClampWalls}
+        if name in of_walls:
+            if not isinstance(self._scheme.walls, of_walls[name]):
+                raise ValueError(
+                    f"Solver.set_parameters {name} is of no effect under {type(self._scheme.walls).__name__}; use"
+                    f" Scheme(walls={of_walls[name].__name__}())"
+                )
+            return WALL_LIMITS[name.removeprefix("wall_")]
+        if name == "gamma" and self._scheme.state_equation is LINEAR:
+            raise ValueError(
+                "Solver.set_parameters gamma is of no effect under LINEAR; use Scheme(state_equation=TAIT)"
+            )
+        if name in LIMITS:
+            return LIMITS[name][:2]
+        if name == "sound_speed":
+            return LEAST_MACH_MARGIN * self._scene.speed_scale, math.inf
+        return (-math.inf if name == "central_force" else 0.0), math.inf
 
     def constants(self) -> dict[str, Any]:
         """The constants of a step but its length, by name, each a number or (world,)."""
@@ -161,7 +182,7 @@ def make_structure(scene: Scene, scheme: Scheme, parameters: Parameters, forces:
     dim, p = scene.dim, parameters.values
     faces = [scene.faces[name] for name in face_names(dim)]
     wall = _WALLS[type(scheme.walls)]
-    heat = bool((p["thermal_diffusivity"] > 0.0).any())
+    heat = scene.material.thermal_diffusivity > 0.0
     terms = scheme.terms_in_use(
         viscous=bool((p["viscosity"] > 0.0).any()),
         diffusive=bool((p["density_diffusion"] > 0.0).any()),
@@ -236,6 +257,7 @@ def check_box(scene: Scene, scheme: Scheme) -> None:
                 f"Scene box is {high - low:g} m along {AXES[axis]}, below the smoothing support {support:g} m;"
                 " use a wider box or a smaller Scene.particle_spacing"
             )
+    _check_seams(scene, support)
     for name, inflow in scene.inflows.items():
         length = inflow.pipe_length(scene.particle_spacing)
         if length < support * (1.0 - 1e-6):
@@ -243,6 +265,26 @@ def check_box(scene: Scene, scheme: Scheme) -> None:
                 f"Scene.inflows[{name!r}].length = {length:g} m is below the smoothing support {support:g} m;"
                 " use a longer pipe, or None"
             )
+
+
+def _check_seams(scene: Scene, support: float) -> None:
+    """Refuse a body that ends near a periodic face: it has no image on the other side."""
+    travel = body_travel(scene).reshape(-1, scene.dim, 2)
+    for (name, body), reach in zip(scene.bodies.items(), travel, strict=True):
+        half = 0.5 * np.subtract(*reversed(body.shape.bounds()))
+        for axis, (low, high) in enumerate(zip(scene.lower, scene.upper, strict=True)):
+            face = face_names(scene.dim)[2 * axis]
+            if scene.faces[face].kind != "periodic":
+                continue
+            first, last = reach[axis, 0] - half[axis], reach[axis, 1] + half[axis]
+            inside = first >= low + support and last <= high - support
+            through = reach[axis, 1] - half[axis] <= low - support and reach[axis, 0] + half[axis] >= high + support
+            if not inside and not through:
+                raise ValueError(
+                    f"Scene.bodies[{name!r}] spans {AXES[axis]} = {first:g} to {last:g} m with its travel, less than"
+                    f" the smoothing support {support:g} m from a periodic face; keep it further in, or let it reach"
+                    " so far beyond both"
+                )
 
 
 def body_halves(scene: Scene) -> np.ndarray:
@@ -312,14 +354,34 @@ def make_nozzles(scene: Scene, num_worlds: int, device: wp.Device) -> Any:
     return nozzles
 
 
-def make_drains(scene: Scene, scheme: Scheme, device: wp.Device) -> Any:
+def held_density(scene: Scene, scheme: Scheme, parameters: Parameters) -> np.ndarray:
+    """Density error that each outflow holds, (world, outflow).
+
+    Raises:
+        ValueError: No density has the pressure of an outflow.
+    """
+    p = parameters.values
+    unit, gamma = scene.material.density * p["sound_speed"][:, None] ** 2, p["gamma"][:, None]
+    pressure = np.array([outflow.pressure for outflow in scene.outflows.values()])
+    with np.errstate(invalid="ignore"):
+        held = scheme.state_equation.density_of(pressure / unit, gamma)
+    for name, values in zip(scene.outflows, held.T, strict=True):
+        if not (np.isfinite(values) & (np.abs(values) < 0.5)).all():
+            raise ValueError(
+                f"Scene.outflows[{name!r}].pressure = {scene.outflows[name].pressure:g} Pa would take a density error"
+                f" of {values[0]:.2g}, limit 0.5, at a sound speed of {p['sound_speed'][0]:g} m/s; use a smaller"
+                " pressure or a larger sound speed"
+            )
+    return held
+
+
+def make_drains(scene: Scene, scheme: Scheme, parameters: Parameters, device: wp.Device) -> Any:
     """The outflows of a scene."""
     drains: Any = _DRAINS()
     outflows = list(scene.outflows.values())
     if not outflows:
         return drains
-    unit = scene.material.density * scene.sound_speed**2
-    held = [scheme.state_equation.density_of(np.array(outflow.pressure / unit), scheme.gamma) for outflow in outflows]
+    held = held_density(scene, scheme, parameters)
     directions = [outflow.direction for outflow in outflows]
     drains.lower = wp.array(np.array([outflow.region.lower for outflow in outflows]), dtype=float, device=device)
     drains.upper = wp.array(np.array([outflow.region.upper for outflow in outflows]), dtype=float, device=device)

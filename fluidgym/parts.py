@@ -171,10 +171,10 @@ class Body:
         if self.temperature is not None:
             check_number("Body.temperature", self.temperature, "degrees")
         low, high = self.shape.bounds()
-        if len(low) != len(high) or not (low < high).all():
+        if len(low) != len(high) or not (np.isfinite([low, high]).all() and (low < high).all()):
             raise ValueError(
-                f"Body.shape spans {tuple(map(float, low))} to {tuple(map(float, high))} m; give corners that rise,"
-                " or a positive radius"
+                f"Body.shape spans {tuple(map(float, low))} to {tuple(map(float, high))} m; give finite corners that"
+                " rise, or a positive radius"
             )
         if self.travel is None:
             return

@@ -57,6 +57,9 @@ __all__ = [
 
 AXES = "xyz"
 
+# More than a world may have: their numbers are 32-bit integers, and they would fill 25 GB.
+MOST_PARTICLES = 1e8
+
 # Fluid starts at least this far from a body, over the spacing; the wall of the box is half a spacing away.
 BODY_CLEARANCE = 0.25
 
@@ -147,6 +150,7 @@ class Scene:
             raise ValueError(f"Scene.seed = {self.seed} is below the limit 0; use 0 or more")
         if self.reference_speed is not None:
             check_number("Scene.reference_speed", self.reference_speed, "m/s", above=0.0)
+        self._check_size()
         for body in self.fluid:
             self._check_fluid(body)
         for name, solid in self.bodies.items():
@@ -402,6 +406,19 @@ class Scene:
             check_type(f"Scene.fluid[{index}]", body, Fluid, "a Fluid", "Fluid(shape)")
         return bodies
 
+    def _check_size(self) -> None:
+        """Refuse a lattice that no memory would hold, before it is made."""
+        for fluid in self.fluid:
+            low, high = fluid.shape.bounds()
+            if len(low) == len(high) == self.dim and np.isfinite([low, high]).all():
+                count = float(np.prod(np.maximum(high - low, 0.0) / self.particle_spacing))
+                if count > MOST_PARTICLES:
+                    coarse = self.particle_spacing * (count / MOST_PARTICLES) ** (1 / self.dim)
+                    raise ValueError(
+                        f"Scene.particle_spacing = {self.particle_spacing:g} m makes {count:.2g} particles, limit"
+                        f" {MOST_PARTICLES:.0e}; use {coarse:.2g} m or more"
+                    )
+
     def _check_inside(self, name: str, low: np.ndarray, high: np.ndarray) -> None:
         """Refuse what reaches out of the box."""
         if len(low) != self.dim:
@@ -432,6 +449,12 @@ class Scene:
             )
         position, _ = self._pipe(inflow)
         self._check_inside(f"{label} pipe", position.min(axis=0), position.max(axis=0))
+        for other, body in self.bodies.items():
+            if (body.shape.distance(position) < 0.0).any():
+                raise ValueError(f"{label} pipe is inside Scene.bodies[{other!r}]; move one of them")
+        for other, neighbour in self.inflows.items():
+            if other != name and self._in_pipe(neighbour, position).any():
+                raise ValueError(f"{label} pipe is less than half a spacing from that of {other!r}; move one of them")
 
     def _check_reserve(self) -> None:
         if self.reserve is not None:

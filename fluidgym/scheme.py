@@ -18,6 +18,15 @@ from fluidgym.sph.terms import DensityRate, DensitySum, Drag, Force, Term
 from fluidgym.sph.viscosity import ARTIFICIAL_VISCOSITY, VISCOSITY_MORRIS
 from fluidgym.sph.wall_models import MIRROR_WALLS, PenaltyWalls, WallModel
 
+# Lowest and highest value of each number, and what to use.
+LIMITS = {
+    "smoothing_ratio": (1.0, 3.0, "1.3 to 2"),
+    "gamma": (1.0, 10.0, "7"),
+    "density_diffusion": (0.0, 0.5, "0.1"),
+    "artificial_viscosity": (0.0, 1.0, "0.01"),
+    "courant": (1e-6, 2.0, "1.0"),
+}
+
 PRESETS = ("delta", "mueller")
 
 
@@ -88,14 +97,7 @@ class Scheme:
                 object.__setattr__(self, name, value)
         if mueller and self.kernel is WENDLAND_C2:
             object.__setattr__(self, "kernel", POLY6)
-        limits = {
-            "smoothing_ratio": (1.0, 3.0, "1.3 to 2"),
-            "gamma": (1.0, 10.0, "7"),
-            "density_diffusion": (0.0, 0.5, "0.1"),
-            "artificial_viscosity": (0.0, 1.0, "0.01"),
-            "courant": (1e-6, 2.0, "1.0"),
-        }
-        for name, (low, high, advice) in limits.items():
+        for name, (low, high, advice) in LIMITS.items():
             if name == "smoothing_ratio" and self.smoothing_ratio is None:
                 continue
             check_range(f"Scheme.{name}", getattr(self, name), low, high, advice)
@@ -178,7 +180,7 @@ class Scheme:
         assert self.courant is not None
         step = self.courant * h / (sound_speed + speed)
         if viscosity:
-            # Along the line of a pair alone, as Monaghan has it, the same viscosity is stiffer between walls that stick.
+            # Along the line of a pair, as Monaghan has it, viscosity is stiffer between walls that stick.
             step = min(step, (0.125 if isinstance(self.viscosity, Drag) else 0.06) * h * h / viscosity)
         if gravity:
             step = min(step, 0.5 * math.sqrt(h / gravity))

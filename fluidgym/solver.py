@@ -19,6 +19,7 @@ from fluidgym.layout import (
     body_travel,
     check_box,
     equip_bodies,
+    held_density,
     make_drains,
     make_frozen,
     make_nozzles,
@@ -27,7 +28,7 @@ from fluidgym.layout import (
 from fluidgym.scene import AXES, Particles, Scene, face_names, pipe_frame
 from fluidgym.scheme import DEFAULT_SCHEME, Scheme
 from fluidgym.sph.constants import Constants
-from fluidgym.sph.integrate import advance_driven, aim, make_step, scale_density, shift_acceleration
+from fluidgym.sph.integrate import advance_driven, aim, make_step, shift_acceleration
 from fluidgym.sph.neighbors import make_gather, make_grid, order_by_cell, settle_order
 from fluidgym.state import Frozen, ParticleArrays, State, driven_arrays
 
@@ -188,7 +189,7 @@ class Solver:
         search = numbers["support"] + numbers["skin"]
         self._grid: Any = make_grid(np.asarray(scene.lower), np.asarray(scene.upper), search)
         self._nozzles = make_nozzles(scene, worlds, device)
-        self._drains = make_drains(scene, self.scheme, device)
+        self._drains = make_drains(scene, self.scheme, self._parameters, device)
         self._frozen, self._frozen_grid = _FROZEN(), self._grid
         if structure.frozen:
             self._frozen, self._frozen_grid = make_frozen(scene, self.scheme, device)
@@ -255,20 +256,29 @@ class Solver:
                 "Solver.set_parameters thermal_diffusivity is of no effect in a scene that keeps no temperatures;"
                 " set Material.thermal_diffusivity above 0"
             )
-        before = self._numbers["c_0"]
+        before = self.parameter("sound_speed"), self.parameter("gamma")
         self._parameters.change(changes)
         self._numbers, self.max_step = self._parameters.constants(), self._parameters.max_step()
         self._step_size = min(self._step_size, self.max_step)
         self._write_constants()
+        if self.scene.outflows:
+            self._drains.field.assign(held_density(self.scene, self.scheme, self._parameters))
         if make_structure(self.scene, self.scheme, self._parameters, **self._flags) != self._structure:
             self._build_kernels()
-        factor = (before / self._numbers["c_0"]) ** 2
-        if (factor != 1.0).any():
-            factors = wp.array(factor, dtype=float, device=self.device)
-            slots = self.num_worlds * self.capacity
-            wp.launch(
-                scale_density, slots, [self.capacity, factors], [self.state.now.density_error], device=self.device
-            )
+        self._keep_pressure(*before)
+
+    def _keep_pressure(self, c_0: np.ndarray, gamma: np.ndarray) -> None:
+        """Turn density errors, now and at the start, into those of the same pressure; given the values before."""
+        now, exponent = self._parameters.values["sound_speed"], self._parameters.values["gamma"]
+        if self._structure.summed or ((c_0 == now) & (gamma == exponent)).all():
+            return
+        law, slots = self.scheme.state_equation, self.num_worlds * self.capacity
+        for particles in (self.state.now, self.state.start):
+            s = particles.density_error.numpy()
+            rows = s[:slots].reshape(self.num_worlds, -1).astype(float)
+            reduced = law.pressure_of(rows, gamma[:, None]) * ((c_0 / now) ** 2)[:, None]
+            s[:slots] = law.density_of(reduced, exponent[:, None]).ravel()
+            particles.density_error.assign(s)
 
     def parameter(self, name: str) -> np.ndarray:
         """A number that `set_parameters` can change, as it is in each world, (world,).
@@ -316,7 +326,7 @@ class Solver:
             host["identity"][index * self.capacity : (index + 1) * self.capacity] = identity
         for name, array in batch.arrays().items():
             array.assign(host[name])
-        self._prime(batch, len(numbers))
+        self._prime(batch, numbers)
         self.state.set_start(numbers, batch)
         self._start_counts[numbers] = [len(start) for start in starts]
 
@@ -342,31 +352,34 @@ class Solver:
                 f"start of world {world}: particle {particle} at {AXES[axis]} = {start.position[particle, axis]:g} m is"
                 f" outside the box {faces[axis, 0]:g} to {faces[axis, 1]:g} m; move it inside"
             )
-        unit = scene.material.density * scene.sound_speed**2
+        c_0, gamma = self._parameters.values["sound_speed"][world], self._parameters.values["gamma"][world]
         with np.errstate(invalid="ignore"):
-            s = self.scheme.state_equation.density_of(start.pressure / unit, self.scheme.gamma)
+            s = self.scheme.state_equation.density_of(start.pressure / (scene.material.density * c_0**2), gamma)
         if not (np.isfinite(s) & (s > -1.0)).all():
             raise ValueError(
                 f"start of world {world}: pressure {start.pressure.min():g} Pa is below what"
-                f" {self.scheme.state_equation.name} can hold at a sound speed of {scene.sound_speed:g} m/s; raise it"
+                f" {self.scheme.state_equation.name} can hold at a sound speed of {c_0:g} m/s; raise it"
             )
         return s
 
-    def _prime(self, batch: ParticleArrays, count: int) -> None:
+    def _prime(self, batch: ParticleArrays, numbers: np.ndarray) -> None:
         """Put starts in cell order and find their accelerations, as a step of no time does.
 
-        Every world has the same faces, bodies, nozzles, gravity and constants at its start, so the first `count` stand
-        for any.
+        Every world has the same faces, bodies, nozzles and gravity at its start, so the first ones stand for any.
         """
+        count = len(numbers)
+        at_rest = wp.array(self._constants_at_rest.numpy()[numbers], dtype=_CONSTANTS, device=self.device)
         state, unused = self.state, wp.zeros(self.num_worlds, dtype=int, device=self.device)
         self._gravity.assign(np.tile(self.scene.gravity_vector, (self.num_worlds, 1)))
         self._write_nozzles(Controls(self.scene, self.num_worlds))
         moving = (state.faces_start, state.bodies_start, state.faces_start, state.bodies_start)
-        self._sort(batch, *moving[:2], state.bodies_start, self._constants_at_rest, unused, count)
+        self._sort(batch, *moving[:2], state.bodies_start, at_rest, unused, count)
         # The spray rule must not touch the density of a start, so what the sweep makes of it goes to scratch; unless
         # density is a sum, which is what the start should have.
         scratch = batch.density_error if self._structure.summed else wp.zeros_like(batch.density_error)
-        self._sweep(batch, *moving, self._constants_at_rest, unused, count, density_out=scratch)
+        forces = wp.clone(state.forces)  # those of the last call stay to be read
+        self._sweep(batch, *moving, at_rest, unused, count, density_out=scratch)
+        wp.copy(state.forces, forces)
         if not self._structure.summed:
             slots = count * self.capacity
             wp.copy(batch.density_error, state.sorted.density_error, count=slots)
@@ -380,7 +393,9 @@ class Solver:
         Raises:
             ValueError: The mask has another shape.
         """
-        mask = np.ones(self.num_worlds, bool) if mask is None else np.asarray(mask, bool)
+        mask = np.ones(self.num_worlds, bool) if mask is None else np.asarray(mask)
+        if mask.dtype != bool:
+            raise ValueError(f"Solver.reset mask has type {mask.dtype}, limit bool; give one bool a world")
         if mask.shape != (self.num_worlds,):
             raise ValueError(f"Solver.reset mask has shape {mask.shape}, limit ({self.num_worlds},); one bool a world")
         if mask.any():
@@ -742,7 +757,7 @@ class Solver:
         return Account(started, emitted, started + emitted - live, live, refused)
 
     def save(self) -> dict[str, np.ndarray]:
-        """All that the future of the worlds depends on, controls included, as NumPy arrays."""
+        """All that the future of the worlds depends on until they are reset, controls included, as NumPy arrays."""
         return self.state.snapshot() | {
             "time": self.time.copy(),
             "started": self.started.copy(),

@@ -61,7 +61,7 @@ class Drains:
     upper: wp.array2d[float]  # (outflow, dim) [m]
     axis: wp.array[int]  # along which fluid is carried; -1 retires it at once, (outflow,)
     sign: wp.array[float]  # of the direction, (outflow,)
-    field: wp.array[float]  # density error held, (outflow,)
+    field: wp.array2d[float]  # density error held, (world, outflow)
 
 
 @wp.struct

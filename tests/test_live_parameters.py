@@ -7,7 +7,7 @@ from fluidgym.diagnostics import measure, pressure_at
 from fluidgym.scene import NO_SLIP_WALL, PERIODIC, Body, Box, Fluid, Material, Scene
 from fluidgym.scheme import MUELLER, Scheme
 from fluidgym.solver import Solver
-from fluidgym.sph.state_equation import TAIT
+from fluidgym.sph.state_equation import LINEAR, TAIT
 
 BOX = dict(lower=(0.0, 0.0), upper=(1.0, 1.0), particle_spacing=0.05)
 SIDES = dict.fromkeys(("x_min", "x_max", "y_min", "y_max"), PERIODIC)
@@ -99,9 +99,12 @@ def test_changes_are_saved_and_restored(device):
     ("changes", "message"),
     [
         ({"colour": 1.0}, "Solver.set_parameters 'colour' is unknown; use viscosity, sound_speed, thermal_diffusivity"),
-        ({"viscosity": -1.0}, "Solver.set_parameters viscosity[0] = -1 is below the limit 0 or not finite"),
+        ({"viscosity": -1.0}, "Solver.set_parameters viscosity[0] = -1 is outside 0 to inf; use a larger number"),
         ({"viscosity": [1.0, 2.0, 3.0]}, "Solver.set_parameters viscosity has shape (3,), limit (1,); give one number"),
-        ({"sound_speed": 1.0}, "Solver.set_parameters sound_speed[0] = 1 is below the limit 5 or not finite"),
+        ({"sound_speed": 1.0}, "Solver.set_parameters sound_speed[0] = 1 is outside 5 to inf"),
+        ({"artificial_viscosity": 30.0}, "Solver.set_parameters artificial_viscosity[0] = 30 is outside 0 to 1; use a"),
+        ({"gamma": 5.0}, "Solver.set_parameters gamma is of no effect under LINEAR; use Scheme(state_equation=TAIT)"),
+        ({"wall_damping": 0.5}, "Solver.set_parameters wall_damping is of no effect under MirrorWalls; use Scheme("),
         (
             {"thermal_diffusivity": 1.0},
             "Solver.set_parameters thermal_diffusivity is of no effect in a scene that keeps",
@@ -144,3 +147,34 @@ def test_pressure_at_a_thin_gate_is_that_of_its_side(device):
     left, right = pressure_at(solver, np.array([[0.49, 0.2], [0.52, 0.2]]))
     assert left == pytest.approx(1000.0 * 9.81 * 0.6, rel=0.05)
     assert right == pytest.approx(1000.0 * 9.81 * 0.2, rel=0.1)
+
+
+@pytest.mark.parametrize("equation", [LINEAR, TAIT], ids=["linear", "Tait"])
+def test_pressure_outlives_a_reset_under_another_sound_speed(equation, device):
+    tank = Scene(**BOX, fluid=[Fluid(Box((0.0, 0.0), (1.0, 0.5)), pressure="hydrostatic")])
+    solver = Solver(tank, Scheme(state_equation=equation), num_worlds=2, device=device)
+    start = solver.particles().pressure
+    solver.set_parameters(sound_speed=[2.0 * tank.sound_speed, tank.sound_speed])
+    np.testing.assert_allclose(solver.particles(0).pressure, start, rtol=1e-4, atol=0.5)
+    solver.reset()
+    for world in range(2):
+        np.testing.assert_allclose(solver.particles(world).pressure, start, rtol=1e-4, atol=0.5)
+    solver.set_start([0], [tank.sample()])
+    solver.reset()
+    np.testing.assert_allclose(solver.particles(0).pressure, start, rtol=1e-4, atol=0.5)
+    energies = [measure(solver, world).elastic_energy for world in range(2)]
+    assert energies[0] == pytest.approx(energies[1] / 4.0, rel=0.04)  # p^2 / (2 rho c_0^2), Tait to first order
+
+
+def test_heat_goes_off_and_on_again(device):
+    fluid = [Fluid(Box((0.0, 0.0), (1.0, 0.5)), temperature=lambda x: x[:, 0])]
+    solver = Solver(Scene(**BOX, fluid=fluid, material=Material(thermal_diffusivity=0.01)), device=device)
+    saved, before = solver.save(), solver.particles().temperature
+    solver.set_parameters(thermal_diffusivity=0.0)
+    solver.advance(0.1)
+    particles = solver.particles()
+    assert particles.temperature is not None
+    np.testing.assert_array_equal(particles.temperature, before)
+    solver.restore(saved)
+    solver.advance(0.1)
+    assert np.ptp(solver.particles().temperature) < np.ptp(particles.temperature) - 0.01

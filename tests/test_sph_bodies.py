@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fluidgym.diagnostics import front, measure, rms_speed
-from fluidgym.scene import Ball, Body, Box, Face, Fluid, Scene
+from fluidgym.scene import PERIODIC, Ball, Body, Box, Face, Fluid, Material, Scene
 from fluidgym.scheme import Scheme
 from fluidgym.solver import Solver
 
@@ -319,3 +319,92 @@ def test_lifted_gate_lets_the_dam_break(device):
     ]
     assert min(misses) < 0.03
     assert delays[int(np.argmin(misses))] < 0.2 * own_time
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        Box((1.0, 0.1), (1.2, 0.3)),
+        Box((1.01, 0.1), (1.2, 0.3)),
+        Box((0.4, -0.2), (0.6, 0.0)),
+        Box((0.4, -0.5), (0.6, 0.1)),
+        Box((0.9, -0.1), (1.1, 0.1)),
+        Ball((0.5, -0.2), 0.15),
+    ],
+    ids=["flush outside", "beside", "under the floor", "through the floor", "through a corner", "ball below"],
+)
+def test_what_is_beyond_a_wall_is_not_there(shape, device):
+    tank = dict(lower=(0.0, 0.0), upper=(1.0, 1.0), particle_spacing=0.05)
+    water = [Fluid(Box((0.0, 0.0), (1.0, 0.5)), pressure="hydrostatic")]
+    solver = Solver(Scene(fluid=water, bodies={"body": Body(shape)}, **tank), device=device)
+    solver.advance(0.5)
+    assert measure(solver).rms_speed < 0.004
+    assert solver.state.clamped.numpy()[0] == 0
+
+
+def test_of_two_bodies_in_one_place_one_counts(device):
+    block = Body(Box((0.4, 0.0), (0.6, 0.2)))
+    water = [Fluid(Box((0.0, 0.0), (1.0, 0.5)), pressure="hydrostatic")]
+    runs = []
+    for bodies in ({"one": block}, {"one": block, "other": block}):
+        solver = Solver(Scene((0.0, 0.0), (1.0, 1.0), 0.05, water, bodies=bodies, jitter=0.02), device=device)
+        solver.advance(0.5)
+        runs.append(solver.particles().position)
+    np.testing.assert_allclose(runs[0], runs[1], atol=2e-3)
+
+
+def test_body_near_a_periodic_face_is_refused():
+    faces = {"x_min": PERIODIC, "x_max": PERIODIC}
+    with pytest.raises(ValueError, match=r"Scene.bodies\['slab'\] spans x = 0 to 1 m with its travel, less than"):
+        slab = {"slab": Body(Box((0.0, 0.0), (1.0, 0.2)))}
+        Solver(Scene((0.0, 0.0), (1.0, 1.0), 0.05, [], faces, bodies=slab, reference_speed=1.0), device="cpu")
+    through = {"slab": Body(Box((-0.5, 0.0), (1.5, 0.2)))}
+    water = [Fluid(Box((0.0, 0.2), (1.0, 0.6)), pressure="hydrostatic")]
+    solver = Solver(Scene((0.0, 0.0), (1.0, 1.0), 0.05, water, faces, bodies=through), device="cpu")
+    solver.advance(0.3)
+    assert measure(solver).rms_speed < 0.004
+
+
+def test_body_holds_its_temperature_as_a_face_does(device):
+    """Conduction between two walls, one of them a body: the profile is that between two faces."""
+    material = Material(thermal_diffusivity=0.05)
+    tank = dict(particle_spacing=0.05, gravity=0.0, reference_speed=0.1, material=material)
+    sides = {"x_min": PERIODIC, "x_max": PERIODIC}
+    fluid = [Fluid(Box((0.0, 0.0), (0.4, 1.0)))]
+    faces = sides | {"y_min": Face(temperature=0.0), "y_max": Face(temperature=1.0)}
+    one = Scene((0.0, 0.0), (0.4, 1.0), fluid=fluid, faces=faces, **tank)
+    lid = {"lid": Body(Box((-1.0, 1.0), (1.4, 1.3)), temperature=1.0)}
+    other = Scene(
+        (0.0, 0.0), (0.4, 1.3), fluid=fluid, faces=sides | {"y_min": Face(temperature=0.0)}, bodies=lid, **tank
+    )
+    found = []
+    for scene in (one, other):
+        solver = Solver(scene, device=device)
+        solver.advance(3.0)
+        found.append(solver.particles().temperature)
+    assert 0.2 < found[0].mean() < 0.5
+    np.testing.assert_allclose(found[1], found[0], atol=0.02)
+
+
+def test_sticky_body_drags_the_fluid_as_a_face_does(device):
+    """Couette flow under a lid that is a body, and under a face."""
+    tank = dict(particle_spacing=0.05, gravity=0.0, reference_speed=1.0, material=Material(viscosity=0.05))
+    sides = {"x_min": PERIODIC, "x_max": PERIODIC, "y_min": Face(slip="no")}
+    fluid = [Fluid(Box((0.0, 0.0), (0.4, 1.0)))]
+    face = Face(slip="no", sliding=(1.0, 0.0))
+    one = Scene((0.0, 0.0), (0.4, 1.0), fluid=fluid, faces=sides | {"y_max": face}, **tank)
+    lid = {"lid": Body(Box((-20.0, 1.0), (20.4, 1.3)), slip="no", moving=True, travel=((0.0, 0.0), (10.0, 0.0)))}
+    other = Scene((0.0, 0.0), (0.4, 1.3), fluid=fluid, faces=sides, bodies=lid, **tank)
+    speeds, drags = [], []
+    for scene in (one, other):
+        solver = Solver(scene, Scheme(artificial_viscosity=0.0), device=device, report_forces=True)
+        if scene.bodies:
+            solver.body_velocity = (1.0, 0.0)
+            solver.step()
+        solver.advance(3.0)
+        speeds.append(solver.particles().velocity[:, 0])
+        solver.advance(0.2)
+        drags.append(solver.body_force[0, 0, 0] if scene.bodies else solver.face_force[0, 3, 0])
+    assert 0.2 < speeds[0].mean() < 0.5
+    np.testing.assert_allclose(speeds[1], speeds[0], atol=0.03)
+    assert drags[1] == pytest.approx(drags[0], rel=0.05)

@@ -106,10 +106,11 @@ def make_bodies(s: Structure) -> SimpleNamespace:
         normal: vec  # out of the body
 
     @wp.func
-    def screens(world: int, bodies: Bodies, turn: vec, planes: vec, reach: float) -> Screens:
+    def screens(world: int, bodies: Bodies, turn: vec, planes: vec, inward: vec, reach: float) -> Screens:
         """The bodies, and what a mirror query sees of them: their images, too."""
         found = Screens()
         for b in range(wp.static(n_bodies)):
+            gone = bool(False)
             for k in range(wp.static(dim)):
                 middle = bodies.position[world, b, k]
                 half = bodies.half[b, k]
@@ -117,15 +118,25 @@ def make_bodies(s: Structure) -> SimpleNamespace:
                 if wp.static(s.has_images):
                     if turn[k] < 0.0:
                         image = 2.0 * planes[k] - middle
-                        if (balls >> b) & 1 == 0 and wp.abs(wp.abs(middle - planes[k]) - half) < TOUCH * reach:
-                            # It stands on the wall: one box with its image.
+                        off = wp.sign(inward[k]) * (middle - planes[k])
+                        if off + half <= TOUCH * reach:
+                            gone = True
+                        if (balls >> b) & 1 == 0 and off - half < TOUCH * reach:
+                            # It stands on the wall or reaches through it: one box with its image.
                             middle = planes[k]
                             image = planes[k]
-                            half = 2.0 * half
+                            half = off + half
                     found[wp.static(n_bodies) + b, k] = image
                     found[wp.static(n_bodies) + b, wp.static(dim) + k] = half
                 found[b, k] = middle
                 found[b, wp.static(dim) + k] = half
+            if gone:
+                for k in range(wp.static(dim)):
+                    found[b, k] = NOTHING
+                    found[b, wp.static(dim) + k] = 0.0
+                    if wp.static(s.has_images):
+                        found[wp.static(n_bodies) + b, k] = NOTHING
+                        found[wp.static(n_bodies) + b, wp.static(dim) + k] = 0.0
         return found
 
     @wp.func
@@ -226,7 +237,7 @@ def make_bodies(s: Structure) -> SimpleNamespace:
 
         middle: vec  # from it to the particle [m]
         half: vec  # half sides [m]
-        flush: bool  # an image that its body touches: the two are one box, which stands for both
+        absent: bool  # beyond a wall, or an image that is one box with its body, which stands for both
 
     @wp.func
     def extent(
@@ -238,15 +249,21 @@ def make_bodies(s: Structure) -> SimpleNamespace:
         for k in range(wp.static(dim)):
             it.half[k] = bodies.half[b, k]
         if wp.static(images > 1):
-            if (balls >> b) & 1 == 0:
-                for k in range(wp.static(dim)):
-                    if present(1 + k, found, world, faces):
-                        w = faces.position[world, mirror_plane(1 + k, found, world, faces)]
-                        if wp.abs(wp.abs(bodies.position[world, b, k] - w) - bodies.half[b, k]) < TOUCH * reach:
-                            if image == 1 + k:
-                                it.flush = True
-                            it.middle[k] = x[k] - w
-                            it.half[k] = 2.0 * bodies.half[b, k]
+            for k in range(wp.static(dim)):
+                if present(1 + k, found, world, faces):
+                    face = mirror_plane(1 + k, found, world, faces)
+                    inward = wp.where(face % 2 == 0, 1.0, -1.0)
+                    off = inward * (bodies.position[world, b, k] - faces.position[world, face])
+                    # How far the body reaches into the box, and how far the gap to the wall is.
+                    if off + bodies.half[b, k] <= TOUCH * reach:
+                        it.absent = True  # all of it is beyond the wall
+                    if (balls >> b) & 1 == 0 and off - bodies.half[b, k] < TOUCH * reach:
+                        if image == 1 + k:
+                            it.absent = True
+                        it.middle[k] = x[k] - faces.position[world, face]
+                        it.half[k] = off + bodies.half[b, k]
+                    if (balls >> b) & 1 != 0 and off < 0.0 and image == 1 + k:
+                        it.absent = True
         return it
 
     @wp.struct
@@ -304,7 +321,7 @@ def make_bodies(s: Structure) -> SimpleNamespace:
                     for k in range(wp.static(dim)):
                         beyond = wp.max(wp.abs(other.middle[k]) - other.half[k], 0.0)
                         gap += beyond * beyond
-                    if gap < reach * reach and not other.flush:
+                    if gap < reach * reach and not other.absent:
                         return False
         return True
 
@@ -318,7 +335,7 @@ def make_bodies(s: Structure) -> SimpleNamespace:
         if not present(it.image, found, world, faces):
             return it
         whole = extent(x, it.image, found, world, it.body, bodies, faces, reach)
-        if whole.flush:
+        if whole.absent:
             return it
         y = whole.middle
         it.middle = y
@@ -438,9 +455,12 @@ def make_bodies(s: Structure) -> SimpleNamespace:
                     if b != p.body or image != p.image:
                         if present(image, found, world, faces):
                             other = extent(x, image, found, world, b, bodies, faces, reach)
-                            if not other.flush:
+                            if not other.absent:
                                 way = passage(b, other.middle, other.half, it.direction, reach)
-                                if way.begins < it.distance:
+                                # Of two that begin at the same place the earlier one fills.
+                                tie = wp.abs(way.begins - it.distance) < TOUCH * reach
+                                earlier = b < p.body or (b == p.body and image < p.image)
+                                if way.begins < it.distance - TOUCH * reach or (tie and earlier):
                                     # In front of this one; or beside it, and then only one of the two fills.
                                     if way.begins > -0.5 * reach:
                                         it.distance = NOTHING

@@ -98,7 +98,7 @@ def make_carriers(s: Structure) -> SimpleNamespace:
                         end = wp.where(outflows.sign[n] > 0.0, outflows.upper[n, axis], outflows.lower[n, axis])
                         if wp.abs(end - x[axis]) > 0.25 * c.spacing:
                             found.how = IN_OUTFLOW
-                            found.held = outflows.field[n]
+                            found.held = outflows.field[world, n]
         return found
 
     return SimpleNamespace(Carried=Carried, carried=carried)

@@ -83,13 +83,6 @@ def shift_acceleration(capacity: int, change: wp.array2d[float], acceleration: w
         acceleration[k, i] += change[i // capacity, k]
 
 
-@wp.kernel(module="fluidgym.integrate", enable_backward=False)
-def scale_density(capacity: int, factor: wp.array[float], density_error: wp.array[float]):
-    """Multiply the density errors of each world: with another speed of sound they stand for the same pressure."""
-    i = wp.tid()
-    density_error[i] *= factor[i // capacity]
-
-
 @lru_cache
 def make_drift(s: Structure) -> wp.Kernel:
     """Kernel of the opening kick and drift, which also counts the particles of each cell."""

@@ -6,6 +6,7 @@ Each function gives p / (rho_0 c_0^2) from the relative density error s = rho/rh
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -26,8 +27,8 @@ class StateEquation:
 
     name: str
     pressure: wp.Function
-    pressure_of: Callable[[np.ndarray, float], np.ndarray]
-    density_of: Callable[[np.ndarray, float], np.ndarray]
+    pressure_of: Callable[[np.ndarray, Any], np.ndarray]
+    density_of: Callable[[np.ndarray, Any], np.ndarray]
 
 
 @wp.func

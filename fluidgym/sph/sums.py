@@ -106,7 +106,8 @@ def make_density_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
                     if shaded:
                         sum += screened(
                             q.position, q.velocity, a, q.offset, q.density_tilt, one, first_cell, reach, position,
-                            velocity, field, bounds, grid, c, screens(world, bodies, q.turn, q.plane, c.support),
+                            velocity, field, bounds, grid, c,
+                            screens(world, bodies, q.turn, q.plane, x - q.position, c.support),
                         )  # fmt: skip
                 if not shaded:
                     sum += loop(
@@ -120,7 +121,7 @@ def make_density_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
                 if shaded:
                     sum += screened(
                         x, u, a, 0.0, tilt, one, first_cell, reach, position, velocity, field, bounds, grid, c,
-                        screens(world, bodies, one, x, c.support),
+                        screens(world, bodies, one, x, one, c.support),
                     )  # fmt: skip
             if not shaded:
                 sum += loop(x, u, a, 0.0, tilt, one, first_cell, reach, position, velocity, field, bounds, grid, c)
@@ -232,7 +233,7 @@ def make_force_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
                         f = screened(
                             q.position, q.viscous_velocity, a, q.offset, q.pressure_tilt, q.viscous_turn, first_cell,
                             reach, position, velocity, field, bounds, grid, c,
-                            screens(world, bodies, q.turn, q.plane, c.support),
+                            screens(world, bodies, q.turn, q.plane, x - q.position, c.support),
                         )  # fmt: skip
                 if not shaded:
                     f = loop(
@@ -247,7 +248,7 @@ def make_force_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
                 if shaded:
                     sum += screened(
                         x, u, a, 0.0, vec(), one, first_cell, reach, position, velocity, field, bounds, grid, c,
-                        screens(world, bodies, one, x, c.support),
+                        screens(world, bodies, one, x, one, c.support),
                     )  # fmt: skip
             if not shaded:
                 sum += loop(x, u, a, 0.0, vec(), one, first_cell, reach, position, velocity, field, bounds, grid, c)
@@ -330,7 +331,8 @@ def make_heat_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
                 if shaded:
                     part = screened(
                         q.position, zero, q.flip * (a - q.shift), 0.0, zero, one, first_cell, reach, position,
-                        velocity, temperature, bounds, grid, c, screens(world, bodies, q.turn, q.plane, c.support),
+                        velocity, temperature, bounds, grid, c,
+                            screens(world, bodies, q.turn, q.plane, x - q.position, c.support),
                     )  # fmt: skip
             if not shaded:
                 part = loop(

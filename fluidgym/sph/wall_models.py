@@ -4,6 +4,9 @@ from dataclasses import dataclass
 
 from fluidgym.checks import check_range
 
+# Lowest and highest value of each field of the models.
+WALL_LIMITS = {"stiffness": (1e-3, 2.0), "margin": (0.1, 4.0), "damping": (0.0, 1.0)}
+
 
 @dataclass(frozen=True)
 class MirrorWalls:
@@ -26,8 +29,8 @@ class PenaltyWalls:
     margin: float = 0.5
 
     def __post_init__(self) -> None:
-        check_range("PenaltyWalls.stiffness", self.stiffness, 1e-3, 2.0, "0.5")
-        check_range("PenaltyWalls.margin", self.margin, 0.1, 4.0, "0.5")
+        check_range("PenaltyWalls.stiffness", self.stiffness, *WALL_LIMITS["stiffness"], "0.5")
+        check_range("PenaltyWalls.margin", self.margin, *WALL_LIMITS["margin"], "0.5")
 
 
 @dataclass(frozen=True)
@@ -44,7 +47,7 @@ class ClampWalls:
     damping: float = 0.3
 
     def __post_init__(self) -> None:
-        check_range("ClampWalls.damping", self.damping, 0.0, 1.0, "0.3")
+        check_range("ClampWalls.damping", self.damping, *WALL_LIMITS["damping"], "0.3")
 
 
 @dataclass(frozen=True)
