@@ -156,6 +156,10 @@ class Keyframes:
     def __post_init__(self) -> None:
         _check_common(self)
         _check_table(self, least=2)
+        if self.displacement and np.any(self.values[0]):
+            raise ValueError(
+                f"Keyframes.values[0] = {self.values[0]} m: a displacement counts from the start; begin with 0"
+            )
 
     @property
     def longest_piece(self) -> float:

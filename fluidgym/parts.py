@@ -252,6 +252,12 @@ class Inflow:
                     f"Inflow.speed = {self.speed:g} m/s exceeds Inflow.max_speed = {self.max_speed:g} m/s; raise that"
                 )
 
+        if not self.top_speed:
+            raise ValueError(
+                "Inflow.max_speed = None with Inflow.speed = 0 m/s lets nothing out, ever; give the largest speed that"
+                " the control may ask for"
+            )
+
     @property
     def top_speed(self) -> float:
         """Largest mean speed that the control may ask for [m/s]."""

@@ -22,7 +22,7 @@ SCENE = Scene(
     },
     inflows={
         "jet": Inflow((0.1, 0.8), (1.0, 0.0), width=0.2, speed=1.0),
-        "shut": Inflow((0.1, 0.5), (1.0, 0.0), width=0.1),
+        "shut": Inflow((0.1, 0.5), (1.0, 0.0), width=0.1, max_speed=1.0),
     },
     outflows={"drain": Outflow(Box((1.0, 0.0), (1.4, 0.1)))},
 )

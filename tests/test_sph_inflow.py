@@ -202,6 +202,11 @@ def test_warm_jet_brings_its_warmth(device):
             "Inflow.speed = 2 m/s exceeds Inflow.max_speed = 1 m/s; raise that",
         ),
         (
+            lambda: Inflow((0.0, 0.0), (1.0, 0.0), 1.0),
+            "Inflow.max_speed = None with Inflow.speed = 0 m/s lets nothing out, ever; give the largest speed that the"
+            " control may ask for",
+        ),
+        (
             lambda: Inflow((0.0, 0.0), (1.0, 0.0), 1.0, height=1.0),
             "Inflow.height = 1 m is for three dimensions; leave it out",
         ),
@@ -214,7 +219,7 @@ def test_warm_jet_brings_its_warmth(device):
             "Outflow.pressure = 5 Pa is of no effect in a drain; give a direction",
         ),
         (
-            lambda: Scene((0.0, 0.0), (1.0, 1.0), DX, [], inflows={"jet": Inflow((0.95, 0.5), (1.0, 0.0), 0.2)}),
+            lambda: Scene((0.0, 0.0), (1.0, 1.0), DX, [], inflows={"jet": Inflow((0.95, 0.5), (1.0, 0.0), 0.2, 1.0)}),
             "Scene.inflows['jet'] pipe spans x = 0.9625 to 1.0375 m, outside the box 0 to 1 m;"
             " move it or enlarge the box",
         ),
