@@ -30,6 +30,7 @@ FILMS = ("gif", "mp4", "none")
 
 # A film is kept in memory until it is written.
 LARGEST_FILM = 1.5e9  # [bytes]
+MOST_SAVES = 100_000
 
 # Past this a run has blown up, though its numbers may still be finite: impacts reach 0.1 to 0.2.
 LARGEST_DENSITY_ERROR = 0.5
@@ -70,6 +71,11 @@ class Output:
         if self.save_every is not None and not (math.isfinite(self.save_every) and self.save_every > 0.0):
             raise ValueError(
                 f"the time between saves, {self.save_every:g} s, must be above 0 and finite; use 0.1 or so"
+            )
+        if self.save_every is not None and experiment.duration / self.save_every > MOST_SAVES:
+            raise ValueError(
+                f"the time between saves, {self.save_every:g} s, asks for {experiment.duration / self.save_every:.3g} of"
+                f" them, limit {MOST_SAVES}; use {experiment.duration / MOST_SAVES:.2g} s or more"
             )
         view = experiment.view
         count = experiment.duration / view.frame_interval + 1.0

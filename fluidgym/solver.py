@@ -298,7 +298,7 @@ class Solver:
 
         Args:
             worlds: Numbers of the worlds.
-            starts: The particles of each: at most `capacity`; position, velocity and pressure count.
+            starts: The particles of each: at most `capacity`; position, velocity, pressure and temperature count.
 
         Raises:
             ValueError: A start is not finite, has too many particles, or one outside the box.
@@ -335,11 +335,14 @@ class Solver:
         n, scene = len(start), self.scene
         if n > self.capacity:
             raise ValueError(f"start has {n} particles, limit {self.capacity}; make the solver with a larger scene")
-        for name, values, shape in (
+        checked = [
             ("position", start.position, (n, scene.dim)),
             ("velocity", start.velocity, (n, scene.dim)),
             ("pressure", start.pressure, (n,)),
-        ):
+        ]
+        if start.temperature is not None:
+            checked.append(("temperature", start.temperature, (n,)))
+        for name, values, shape in checked:
             if values.shape != shape:
                 raise ValueError(f"start of world {world}: {name} has shape {values.shape}, limit {shape}; mend it")
             if not np.isfinite(values).all():

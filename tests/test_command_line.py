@@ -472,6 +472,7 @@ def test_a_control_beyond_the_solver_ends_a_run_with_what_there_is(small, tmp_pa
         (["small.toml", "--spacing", "7"], ["small.toml", "particle_spacing = 7 m"]),
         (["small.toml", "--fps", "500"], ["frames_per_second = 500", "1 to 50"]),
         (["small.toml", "--save-every", "0"], ["0 s", "above 0"]),
+        (["small.toml", "--save-every", "1e-9"], ["1e-09 s", "limit 100000", "or more"]),
         (["small.toml", "--device", "abacus"], ["abacus", "cpu"]),
         (["small.toml", "--duration", "10000"], ["film", "GB", "no film"]),
         (["small.toml", "--out", "/dev/null/here"], ["--out /dev/null/here", "another folder"]),

@@ -656,6 +656,7 @@ BAD_STARTS = {
     "outside": ({"position": [[5.0, 0.1]]}, r"particle 0 at x = 5 m is outside the box 0 to \S+ m; move it inside"),
     "not a number": ({"velocity": [[np.nan, 0.0]]}, r"velocity is not finite; give numbers"),
     "of another shape": ({"pressure": [[0.0]]}, r"pressure has shape \(1, 1\), limit \(1,\); mend it"),
+    "of no temperature": ({"temperature": [np.nan]}, r"temperature is not finite; give numbers"),
 }
 
 
