@@ -72,10 +72,11 @@ class Output:
             raise ValueError(
                 f"the time between saves, {self.save_every:g} s, must be above 0 and finite; use 0.1 or so"
             )
-        if self.save_every is not None and experiment.duration / self.save_every > MOST_SAVES:
+        saves = 0.0 if self.save_every is None else experiment.duration / self.save_every
+        if saves > MOST_SAVES:
             raise ValueError(
-                f"the time between saves, {self.save_every:g} s, asks for {experiment.duration / self.save_every:.3g} of"
-                f" them, limit {MOST_SAVES}; use {experiment.duration / MOST_SAVES:.2g} s or more"
+                f"the time between saves, {self.save_every:g} s, asks for {saves:.3g} of them, limit {MOST_SAVES};"
+                f" use {experiment.duration / MOST_SAVES:.2g} s or more"
             )
         view = experiment.view
         count = experiment.duration / view.frame_interval + 1.0
