@@ -120,6 +120,9 @@ def _add_validate(commands: argparse._SubParsersAction) -> None:
     parser.add_argument("cases", nargs="*", metavar="CASE", help="name of a case, such as dam-break")
     parser.add_argument("--resolutions", nargs="+", type=int, metavar="N", help="particles along the case's length")
     parser.add_argument("--dim", type=int, choices=(2, 3), help="only the variants of this dimension")
+    parser.add_argument(
+        "--scheme", metavar="NAME|FILE", help="in place of the cases' own: a name, or a TOML file with a [scheme]"
+    )
     parser.add_argument("--device", help="cpu, cuda, cuda:1, ...; a GPU where there is one if not given")
     parser.add_argument("--full", action="store_true", help="run each case for as long as it has something to measure")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the results to this file as well")
@@ -133,24 +136,12 @@ def validate(chosen: argparse.Namespace) -> int:
     from fluidgym.solver import find_device
     from fluidgym.validation import CASES, observed_order, run
     from fluidgym.validation.report import TABLE_HEAD, as_json, table_lines, write_json
+    from fluidgym.work_precision import adapted, find_scheme
 
-    unknown = [name for name in chosen.cases if name not in CASES]
-    if unknown:
-        return _refuse(f"unknown case {', '.join(unknown)}; known are {', '.join(CASES)}")
-    cases = [CASES[name] for name in dict.fromkeys(chosen.cases or CASES)]
-    plan = [
-        (case, resolution, dim)
-        for case in cases
-        for dim in ((chosen.dim,) if chosen.dim else case.resolutions)
-        if dim in case.resolutions
-        for resolution in sorted(set(chosen.resolutions or case.resolutions[dim]))
-    ]
-    if not plan:
-        return _refuse(f"none of these cases has a {chosen.dim}D variant: {', '.join(case.name for case in cases)}")
-    if min(resolution for _, resolution, _ in plan) < 4:
-        return _refuse("--resolutions must be 4 or more particles along the case's length")
     try:
-        _check_json(chosen.json)
+        plan = _plan(chosen, chosen.cases or list(CASES))
+        named = find_scheme(chosen.scheme) if chosen.scheme else None
+        _check_file("--json", chosen.json)
         device = str(find_device(chosen.device))
     except ValueError as error:
         return _refuse(str(error))
@@ -159,18 +150,22 @@ def validate(chosen: argparse.Namespace) -> int:
     results, objects, interrupted = [], [], False
     try:
         for case, resolution, dim in plan:
+            case = adapted(case, named) if named else case
             end = float(case.times[-1]) if chosen.full else case.end
             bar_format = "{desc} {percentage:3.0f}%|{bar}| {n:.2f}/{total:.2f} s simulated [{elapsed}<{remaining}]"
             label = f"{case.name} {dim}D 1/{resolution}"
             try:
                 with tqdm(total=end, desc=label, bar_format=bar_format, leave=False, disable=None) as bar:
                     result = run(case, resolution, dim, device, end=end, progress=bar.update)
-            except ValueError as error:  # too few particles for the scene
-                return _refuse(f"{label}: {error}")
+            except ValueError as error:
+                if not named:  # too few particles for the scene
+                    return _refuse(f"{label}: {error}")
+                print(f"{label}: {chosen.scheme} cannot run it: {error}", flush=True)
+                continue
             coarser = [other for other in results if (other.case, other.dim) == (case.name, dim)]
             order = observed_order(coarser[-1], result) if coarser else {}
             results.append(result)
-            objects.append(as_json(result, order))
+            objects.append(as_json(result, order) | ({"scheme": chosen.scheme} if named else {}))
             if chosen.json:
                 write_json(chosen.json, objects)
             print("\n".join(table_lines(result, order)), flush=True)
@@ -188,19 +183,75 @@ def validate(chosen: argparse.Namespace) -> int:
     return MISSED if chosen.strict and False in verdicts else 0
 
 
+def _plan(chosen: argparse.Namespace, names: Sequence[str]) -> list[tuple[Any, int, int]]:
+    """The cases, resolutions and dimensions to run, the coarsest resolution of each case first.
+
+    Raises:
+        ValueError: There is no such case, no such variant of one, or a resolution is too coarse for any.
+    """
+    from fluidgym.validation import CASES
+
+    unknown = [name for name in names if name not in CASES]
+    if unknown:
+        raise ValueError(f"unknown case {', '.join(unknown)}; known are {', '.join(CASES)}")
+    cases = [CASES[name] for name in dict.fromkeys(names)]
+    plan = [
+        (case, resolution, dim)
+        for case in cases
+        for dim in ((chosen.dim,) if chosen.dim else case.resolutions)
+        if dim in case.resolutions
+        for resolution in sorted(set(chosen.resolutions or case.resolutions[dim]))
+    ]
+    if not plan:
+        raise ValueError(f"none of these cases has a {chosen.dim}D variant: {', '.join(case.name for case in cases)}")
+    if min(resolution for _, resolution, _ in plan) < 4:
+        raise ValueError("--resolutions must be 4 or more particles along the case's length")
+    return plan
+
+
 def _add_benchmark(commands: argparse._SubParsersAction) -> None:
     parser = commands.add_parser(
         "benchmark",
         help="time the simulator, its error beside it",
-        description="Time a falling column of water at several sizes, and print the error of the same scheme.",
+        description="Time a falling column of water at several sizes, and print the error of the same scheme. With"
+        " --cases: run time against error on cases of the validation suite, for schemes, resolutions and step sizes.",
     )
     parser.add_argument("--features", action="store_true", help="what each feature adds to a step, on still water")
     parser.add_argument("--dim", type=int, choices=(2, 3), help="only this dimension")
     parser.add_argument("--particles", nargs="+", type=int, metavar="N", help="about so many in a world, each in turn")
-    parser.add_argument("--worlds", nargs="+", type=int, default=[1], metavar="N", help="worlds in a batch")
+    parser.add_argument("--worlds", nargs="+", type=int, metavar="N", help="worlds in a batch (default: 1)")
     parser.add_argument("--device", help="cpu, cuda, cuda:1, ...; a GPU where there is one if not given")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the results to this file as well")
+    group = parser.add_argument_group("run time against error")
+    group.add_argument("--cases", nargs="+", metavar="CASE", help="names of cases, such as dam-break")
+    group.add_argument(
+        "--schemes",
+        nargs="+",
+        metavar="NAME|FILE",
+        help="names, or TOML files with a [scheme]; the others are compared with the first (default: default mueller)",
+    )
+    group.add_argument("--resolutions", nargs="+", type=int, metavar="N", help="in place of the cases' own")
+    group.add_argument(
+        "--courants",
+        nargs="+",
+        type=float,
+        metavar="C",
+        help="lengths of the time steps, over the usual ones of each scheme (default: 1)",
+    )
+    group.add_argument("--repeats", type=int, metavar="N", help="runs of each, of which the median counts (default: 3)")
+    group.add_argument("--peers", nargs="+", metavar="NAME", help="other programs on the same scenes: pysph, ...")
+    group.add_argument(
+        "--peer-python",
+        metavar="PYTHON",
+        help="interpreter that has them (default: $FLUIDGYM_PEER_PYTHON, or the one that runs this)",
+    )
+    group.add_argument("--plot", type=Path, metavar="FILE", help="draw it: .png, .pdf or .svg; needs the extra 'plot'")
     parser.set_defaults(run=benchmark)
+
+
+# Options of `benchmark` that mean something only with --cases, and without.
+_OF_CASES = ("schemes", "resolutions", "courants", "repeats", "peers", "peer_python", "plot")
+_OF_SPEED = ("features", "particles", "worlds")
 
 
 def benchmark(chosen: argparse.Namespace) -> int:
@@ -210,11 +261,17 @@ def benchmark(chosen: argparse.Namespace) -> int:
     from fluidgym.validation import CASES, run
     from fluidgym.validation.report import as_json, write_json
 
-    sizes = chosen.particles or ([10000] if chosen.features else [2000, 10000, 50000])
-    if min(*sizes, *chosen.worlds, 1) < 1:
+    astray = [name for name in (_OF_SPEED if chosen.cases else _OF_CASES) if getattr(chosen, name)]
+    if astray:
+        option = f"--{astray[0].replace('_', '-')}"
+        return _refuse(f"{option} is of no effect {'with' if chosen.cases else 'without'} --cases; leave one out")
+    if chosen.cases:
+        return _compare(chosen)
+    sizes, batches = chosen.particles or ([10000] if chosen.features else [2000, 10000, 50000]), chosen.worlds or [1]
+    if min(*sizes, *batches, 1) < 1:
         return _refuse("--particles and --worlds must be 1 or more")
     try:
-        _check_json(chosen.json)
+        _check_file("--json", chosen.json)
         device = str(find_device(chosen.device))
     except ValueError as error:
         return _refuse(str(error))
@@ -228,7 +285,7 @@ def benchmark(chosen: argparse.Namespace) -> int:
 
     measured, head = (measure_costs, COST_HEAD) if chosen.features else (_speeds, SPEED_HEAD)
     print(", ".join(f"{name} {value}" for name, value in facts.items()), head, sep="\n", flush=True)
-    for dim, worlds, particles in product((chosen.dim,) if chosen.dim else (2, 3), chosen.worlds, sizes):
+    for dim, worlds, particles in product((chosen.dim,) if chosen.dim else (2, 3), batches, sizes):
         try:
             for row in measured(dim, particles, worlds, device):
                 keep(asdict(row))
@@ -251,7 +308,87 @@ def _speeds(dim: int, particles: int, worlds: int, device: str) -> list[Any]:
         return [measure_speed(dim, particles, worlds, device, progress=bar.update)]
 
 
-def _check_json(path: Path | None) -> None:
+def _compare(chosen: argparse.Namespace) -> int:
+    """Run time against error: a row of the table for each point, then how the curves compare, and a plot."""
+    from fluidgym.validation.report import write_json
+    from fluidgym.work_precision import TABLE_HEAD, draw, objects
+
+    try:
+        comparison, facts = _comparison(chosen)
+    except ValueError as error:
+        return _refuse(str(error))
+    about = ", ".join(f"{name} {value}" for name, value in facts.items()) + f", median of {comparison.repeats}"
+    interrupted = False
+
+    def keep() -> None:
+        if chosen.json:
+            write_json(chosen.json, objects({"machine": facts}, comparison.points))
+
+    bar_format = "{desc} {percentage:3.0f}%|{bar}| {n:.2f}/{total:.2f} s simulated [{elapsed}<{remaining}]"
+    print(about, TABLE_HEAD, sep="\n", flush=True)
+    with tqdm(total=1.0, bar_format=bar_format, leave=False, disable=None) as bar:
+
+        def progress(label: str, duration: float) -> Any:
+            bar.reset(duration)
+            bar.set_description(label)
+            return bar.update
+
+        def tell(lines: list[str]) -> None:
+            with tqdm.external_write_mode():
+                print(*lines, sep="\n", end="\n" if lines else "", flush=True)
+
+        try:
+            for lines in comparison.run(progress):
+                tell(lines)
+                keep()
+        except KeyboardInterrupt:
+            interrupted = True
+            tell(comparison.rest())
+            keep()
+    if chosen.plot and comparison.points:
+        draw(comparison.points, about, chosen.plot)
+        print(f"wrote {chosen.plot}")
+    if interrupted:
+        print("interrupted; what there was by then is kept", file=sys.stderr)
+        return INTERRUPTED
+    return 0
+
+
+def _comparison(chosen: argparse.Namespace) -> tuple[Any, dict[str, str]]:
+    """What `benchmark --cases` is to run, all of it checked, and what its times belong to.
+
+    Raises:
+        ValueError: Some of it cannot be run or written.
+    """
+    from fluidgym.benchmark import machine
+    from fluidgym.peers import find_interpreter, find_peer, version
+    from fluidgym.solver import find_device
+    from fluidgym.work_precision import USUAL, Comparison, PeerCurve, SchemeCurve, check_plot, find_scheme
+
+    plan = _plan(chosen, chosen.cases)
+    repeats = 3 if chosen.repeats is None else chosen.repeats
+    if repeats < 1:
+        raise ValueError("--repeats must be 1 or more")
+    courants = list(dict.fromkeys(chosen.courants or [1.0]))
+    if not all(0.0 < courant <= 2.0 for courant in courants):
+        raise ValueError("--courants must be above 0 and at most 2; 1 is the usual step of a scheme")
+    _check_file("--json", chosen.json)
+    _check_file("--plot", chosen.plot)
+    if chosen.plot:
+        check_plot(chosen.plot)
+    device = str(find_device(chosen.device or ("cpu" if chosen.peers else None)))
+    if chosen.peers and device != "cpu":
+        raise ValueError(f"--peers run in one thread of a processor, --device {device} does not; use cpu")
+    schemes = {name: find_scheme(name) for name in chosen.schemes or USUAL}
+    peers = {name: find_peer(name) for name in chosen.peers or ()}
+    python = find_interpreter(chosen.peer_python)
+    facts = machine(device) | {name: version(peer, python) for name, peer in peers.items()}
+    curves = [SchemeCurve(name, named, device) for name, named in schemes.items()]
+    curves += [PeerCurve(name, peer, python) for name, peer in peers.items()]
+    return Comparison(plan, curves, courants, repeats), facts
+
+
+def _check_file(option: str, path: Path | None) -> None:
     """Refuse a file that cannot be written, before anything is run.
 
     Raises:
@@ -261,11 +398,11 @@ def _check_json(path: Path | None) -> None:
         return
     folder = path.absolute().parent
     if path.is_dir():
-        raise ValueError(f"--json {path}: this is a folder; name a file in it")
+        raise ValueError(f"{option} {path}: this is a folder; name a file in it")
     if not folder.is_dir():
-        raise ValueError(f"--json {path}: there is no such folder; make it, or name a file in another")
+        raise ValueError(f"{option} {path}: there is no such folder; make it, or name a file in another")
     if not os.access(folder, os.W_OK):
-        raise ValueError(f"--json {path}: the folder cannot be written to; name a file in another")
+        raise ValueError(f"{option} {path}: the folder cannot be written to; name a file in another")
 
 
 def _refuse(reason: str) -> int:

@@ -22,6 +22,7 @@ import tomli_w
 
 from fluidgym.experiment import Experiment, Motion
 from fluidgym.scene import Scene
+from fluidgym.scheme import Scheme
 from fluidgym.shapes import Shape
 from fluidgym.sph import integrators, smoothing, state_equation
 from fluidgym.sph.integrators import Integrator
@@ -82,13 +83,22 @@ def load(path: str | os.PathLike[str], particle_spacing: float | None = None) ->
         ValueError: The file cannot be read or says what cannot be; one line that names the file, the field, the value,
             the limit and the remedy.
     """
+    return loads(_text(path), str(path), particle_spacing)
+
+
+def load_scheme(path: str | os.PathLike[str]) -> Scheme:
+    """Read the [scheme] of a scene file, or of a file that has nothing else.
+
+    Raises:
+        ValueError: As of `load`.
+    """
+    document = _document(_text(path), str(path))
     try:
-        text = Path(path).read_text(encoding="utf-8")
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read: {error.strerror}; name a scene file") from None
-    except UnicodeDecodeError:
-        raise ValueError(f"{path}: is not UTF-8 text; name a scene file") from None
-    return loads(text, str(path), particle_spacing)
+        if "scheme" not in document:
+            raise ValueError("has no table [scheme]; add one, such as [scheme] with a line courant = 0.5")
+        return _read(document["scheme"], _hints(Experiment)["scheme"], "scheme")
+    except ValueError as error:
+        raise ValueError(f"{path}: {_one_line(error)}") from None
 
 
 def loads(text: str, name: str = "scene file", particle_spacing: float | None = None) -> Experiment:
@@ -102,12 +112,7 @@ def loads(text: str, name: str = "scene file", particle_spacing: float | None = 
     Raises:
         ValueError: As of `load`.
     """
-    try:
-        document = tomllib.loads(text)
-    except RecursionError:
-        raise ValueError(f"{name}: is nested too deeply; use fewer brackets") from None
-    except ValueError as error:  # the syntax, or a number of more digits than Python reads
-        raise ValueError(f"{name}: is not TOML: {_one_line(error)}; mend it there") from None
+    document = _document(text, name)
     if particle_spacing is not None:
         document["particle_spacing"] = particle_spacing
     try:
@@ -150,6 +155,26 @@ def dumps(experiment: Experiment) -> str:
 
 
 # -- reading ---------------------------------------------------------------------------------------------------------
+
+
+def _text(path: str | os.PathLike[str]) -> str:
+    """The text of a file."""
+    try:
+        return Path(path).read_text(encoding="utf-8")
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read: {error.strerror}; name a scene file") from None
+    except UnicodeDecodeError:
+        raise ValueError(f"{path}: is not UTF-8 text; name a scene file") from None
+
+
+def _document(text: str, name: str) -> dict[str, Any]:
+    """A scene file's text as TOML has it."""
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        raise ValueError(f"{name}: is nested too deeply; use fewer brackets") from None
+    except ValueError as error:  # the syntax, or a number of more digits than Python reads
+        raise ValueError(f"{name}: is not TOML: {_one_line(error)}; mend it there") from None
 
 
 def _read_experiment(document: dict[str, Any]) -> Experiment:

@@ -171,6 +171,120 @@ def test_a_feature_that_is_named_and_off_is_as_if_it_were_not_named(dim):
     assert sum(structure == structures[0] for structure in structures) == 3
 
 
+# -- schemes by name, and run time against error ----------------------------------------------------------------------
+
+COMPARE = ["benchmark", "--device", "cpu", "--repeats", "2", "--cases"]
+
+
+def test_cases_may_be_run_under_another_scheme(toy_case, tmp_path, monkeypatch, capsys):
+    seen = []
+    watched = dataclasses.replace(toy_case, observe=lambda solver: seen.append(solver.scheme) or {"front": 1.0})
+    monkeypatch.setitem(CASES, "toy", watched)
+    mine, out = tmp_path / "mine.toml", tmp_path / "out.json"
+    mine.write_text("[scheme]\ncourant = 0.25\n")
+    for name in ("mueller", str(mine)):
+        arguments = ["validate", "toy", "--device", "cpu", "--resolutions", "8", "--scheme", name, "--json", str(out)]
+        assert main(arguments) == 0
+        assert json.loads(out.read_text())[0]["scheme"] == name
+    presets = [(scheme.preset, scheme.courant) for scheme in seen]
+    assert set(presets) == {("mueller", 0.4), ("delta", 0.25)}
+
+
+def test_a_case_that_a_scheme_cannot_run_is_told_and_left_out(toy_case, capsys):
+    arguments = ["validate", "shear-start-up", "toy", "--dim", "2", "--resolutions", "8", "--device", "cpu"]
+    assert main([*arguments, "--scheme", "mueller"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    (told,) = [line for line in lines if "cannot run it" in line]
+    assert told.startswith("shear-start-up 2D 1/8: mueller cannot run it: Scene.faces['y_min'].slip")
+    assert any(line.startswith("toy") for line in lines)
+
+
+def test_run_time_against_error_is_a_table_a_file_and_a_plot(toy_case, tmp_path, capsys):
+    out, plot = tmp_path / "out.json", tmp_path / "out.png"
+    arguments = ["toy", "--schemes", "default", "mueller", "--courants", "1", "0.5"]
+    assert main([*COMPARE, *arguments, "--json", str(out), "--plot", str(plot)]) == 0
+    machine, *rows, last = json.loads(out.read_text())
+    assert machine["machine"]["threads"] == "1"
+    found = {(row["curve"], row["resolution"], row["courant"]): row for row in rows}
+    assert set(found) == {(name, n, c) for name in ("default", "mueller") for n in (4, 8) for c in (1.0, 0.5)}
+    for (_, resolution, courant), row in found.items():
+        assert (row["case"], row["dim"], row["headline"]) == ("toy", 2, "front")
+        assert row["error"] == row["errors"]["front"] == pytest.approx(1 / resolution)
+        assert len(row["seconds"]) == 2
+        assert row["wall_s"] == pytest.approx(sum(row["seconds"]) / 2)
+        assert row["setup_s"] > 0
+        assert row["steps"] == pytest.approx(found[row["curve"], resolution, 1.0]["steps"] / courant, abs=1.1)
+    assert any(row["on_front"] for row in rows)
+    (summary,) = last["summary"]
+    assert (summary["curve"], summary["against"]) == ("default", "mueller")
+    assert summary["ratios"]
+    printed = capsys.readouterr().out
+    assert sum(line.startswith("toy 2D") for line in printed.splitlines()) == 8
+    assert summary["said"] in printed
+    assert Image.open(plot).width > 400
+    assert sorted(tmp_path.iterdir()) == [out, plot]
+
+
+def test_an_interrupted_comparison_keeps_what_it_has(toy_case, tmp_path, monkeypatch, capsys):
+    def observe(solver):
+        if solver.scheme.preset == "mueller":
+            raise KeyboardInterrupt
+        return toy_case.observe(solver)
+
+    monkeypatch.setitem(CASES, "toy", dataclasses.replace(toy_case, observe=observe))
+    out, plot = tmp_path / "out.json", tmp_path / "out.png"
+    assert main([*COMPARE, "toy", "--json", str(out), "--plot", str(plot)]) == 130
+    _, row, _ = json.loads(out.read_text())
+    assert (row["curve"], row["resolution"], len(row["seconds"])) == ("default", 4, 1)
+    printed = capsys.readouterr()
+    assert "toy 2D" in printed.out
+    assert "interrupted" in printed.err
+    assert plot.stat().st_size > 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["validate", "dam-break", "--scheme", "nope"], ["nope", "default", "mueller"]),
+        (["validate", "dam-break", "--scheme", "no.toml"], ["no.toml", "cannot be read"]),
+        ([*COMPARE, "nope"], ["nope", *CASES]),
+        ([*COMPARE, "dam-break", "--schemes", "nope"], ["nope", "default", "mueller"]),
+        ([*COMPARE, "dam-break", "--peers", "nope"], ["nope", "pysph"]),
+        ([*COMPARE, "dam-break", "--peers", "pysph", "--peer-python", "no/python"], ["no/python", "name a Python"]),
+        ([*COMPARE, "dam-break", "--repeats", "0"], ["--repeats", "1"]),
+        ([*COMPARE, "dam-break", "--courants", "1", "0"], ["--courants", "above 0"]),
+        ([*COMPARE, "dam-break", "--resolutions", "2"], ["--resolutions", "4"]),
+        ([*COMPARE, "dam-break", "--plot", "no/such/folder/out.png"], ["--plot", "no such folder"]),
+        ([*COMPARE, "dam-break", "--plot", "out.txt"], ["--plot", ".png"]),
+        ([*COMPARE, "dam-break", "--json", "."], ["--json", "is a folder"]),
+        ([*COMPARE, "dam-break", "--features"], ["--features", "with --cases"]),
+        ([*COMPARE, "dam-break", "--particles", "100"], ["--particles", "with --cases"]),
+        (["benchmark", "--schemes", "default"], ["--schemes", "without --cases"]),
+        (["benchmark", "--peer-python", "python"], ["--peer-python", "without --cases"]),
+    ],
+)
+def test_what_cannot_be_compared_is_refused_in_one_line(arguments, said, capsys):
+    assert main(arguments) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert len(printed.err.splitlines()) == 1
+    assert all(word in printed.err for word in said)
+
+
+@pytest.mark.parametrize("missing", ["matplotlib", "pysph"])
+def test_a_missing_library_is_told_before_anything_is_run(missing, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("fluidgym.work_precision.find_spec", lambda name: None)
+    none = tmp_path / "python"  # one that has no PySPH, wherever the tests run
+    none.write_text(f'#!/bin/sh\nexec {sys.executable} -c "import no_such_pysph"\n')
+    none.chmod(0o755)
+    option = ["--plot", "out.png"] if missing == "matplotlib" else ["--peers", "pysph", "--peer-python", str(none)]
+    assert main([*COMPARE, "dam-break", *option]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    (line,) = printed.err.splitlines()
+    assert f"fluidgym-sph[{'plot' if missing == 'matplotlib' else 'peers'}]" in line
+
+
 def test_json_is_written_whole_or_not_at_all(tmp_path):
     file = tmp_path / "out.json"
     write_json(file, [{"case": "first"}])

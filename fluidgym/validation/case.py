@@ -46,6 +46,7 @@ class Case:
             the end of those steps, that is, at that time.
         parts: Cases by name that are run one after another in place of this one, which only adds the target and the
             goal for the errors of all of them; their instants are the same.
+        headline: Name of the error that stands for the case beside its run time; "" is the first that has a goal.
     """
 
     name: str
@@ -61,6 +62,7 @@ class Case:
     scheme: Scheme = DEFAULT_SCHEME
     drive: Callable[[Solver, float], None] | None = None
     parts: Mapping[str, Case] = field(default_factory=dict)
+    headline: str = ""
 
 
 @dataclass(frozen=True)

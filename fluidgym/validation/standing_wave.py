@@ -292,6 +292,7 @@ CASE = Case(
     target={25: {"period": 0.015, "loss": 0.025}, 50: {"period": 0.004, "loss": 0.01}},
     goal={50: {"period": 0.005, "loss": 0.01}},
     scheme=SCHEME,
+    headline="loss",
 )
 VISCOUS = dataclasses.replace(
     viscous_part(REYNOLDS[0]),
@@ -301,5 +302,6 @@ VISCOUS = dataclasses.replace(
         | {"damping_250": 0.03, "damping_500": 0.03, "damping_2500": 0.25}
     },
     goal={50: {f"omega_{reynolds}": 0.005 for reynolds in REYNOLDS} | {"damping_500": 0.05}},
+    headline="damping_500",
 )
 CASES = (CASE, VISCOUS)

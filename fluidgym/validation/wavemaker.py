@@ -172,6 +172,7 @@ def case_of(name: str, period: float, resolutions: tuple[int, ...]) -> Case:
         goal={25: {"decay": 0.05}, 100: {"height": 0.03}},
         scheme=SCHEME,
         drive=partial(drive, period=period),
+        headline="height",
     )
 
 
