@@ -14,6 +14,7 @@ from typing import Any
 from tqdm import tqdm
 
 MISSED, REFUSED, INTERRUPTED = 1, 2, 130  # exit statuses
+BAR = "{desc} {percentage:3.0f}%|{bar}| {n:.2f}/{total:.2f} s simulated [{elapsed}<{remaining}]"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -72,10 +73,7 @@ def run(chosen: argparse.Namespace) -> int:
         output.check(experiment)
         device = str(find_device(chosen.device))
         _make_folder(folder)
-        bar_format = "{desc} {percentage:3.0f}%|{bar}| {n:.2f}/{total:.2f} s simulated [{elapsed}<{remaining}]"
-        with tqdm(
-            total=experiment.duration, desc=chosen.file.stem, bar_format=bar_format, leave=False, disable=None
-        ) as bar:
+        with tqdm(total=experiment.duration, desc=chosen.file.stem, bar_format=BAR, leave=False, disable=None) as bar:
             found = record(experiment, output, device, progress=bar.update)
     except ValueError as error:
         return _refuse(str(error))
@@ -152,10 +150,9 @@ def validate(chosen: argparse.Namespace) -> int:
         for case, resolution, dim in plan:
             case = adapted(case, named) if named else case
             end = float(case.times[-1]) if chosen.full else case.end
-            bar_format = "{desc} {percentage:3.0f}%|{bar}| {n:.2f}/{total:.2f} s simulated [{elapsed}<{remaining}]"
             label = f"{case.name} {dim}D 1/{resolution}"
             try:
-                with tqdm(total=end, desc=label, bar_format=bar_format, leave=False, disable=None) as bar:
+                with tqdm(total=end, desc=label, bar_format=BAR, leave=False, disable=None) as bar:
                     result = run(case, resolution, dim, device, end=end, progress=bar.update)
             except ValueError as error:
                 if not named:  # too few particles for the scene
@@ -324,9 +321,8 @@ def _compare(chosen: argparse.Namespace) -> int:
         if chosen.json:
             write_json(chosen.json, objects({"machine": facts}, comparison.points))
 
-    bar_format = "{desc} {percentage:3.0f}%|{bar}| {n:.2f}/{total:.2f} s simulated [{elapsed}<{remaining}]"
     print(about, TABLE_HEAD, sep="\n", flush=True)
-    with tqdm(total=1.0, bar_format=bar_format, leave=False, disable=None) as bar:
+    with tqdm(total=1.0, bar_format=BAR, leave=False, disable=None) as bar:
 
         def progress(label: str, duration: float) -> Any:
             bar.reset(duration)

@@ -21,6 +21,7 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 import tomli_w
 
 from fluidgym.experiment import Experiment, Motion
+from fluidgym.files import replacing
 from fluidgym.scene import Scene
 from fluidgym.scheme import Scheme
 from fluidgym.shapes import Shape
@@ -132,13 +133,9 @@ def save(experiment: Experiment, path: str | os.PathLike[str]) -> None:
         ValueError: As of `dumps`.
         OSError: The file cannot be written.
     """
-    text, target = dumps(experiment), Path(path)
-    draft = target.with_name(f".{target.name}.{os.getpid()}")
-    try:
-        draft.write_text(text, encoding="utf-8")
-        draft.replace(target)
-    finally:
-        draft.unlink(missing_ok=True)
+    text = dumps(experiment)
+    with replacing(path) as unfinished:
+        unfinished.write_text(text, encoding="utf-8")
 
 
 def dumps(experiment: Experiment) -> str:

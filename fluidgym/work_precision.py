@@ -17,7 +17,6 @@ that is said instead.
 from __future__ import annotations
 
 import math
-import os
 import statistics
 import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -30,6 +29,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from fluidgym import peers
+from fluidgym.files import replacing
 from fluidgym.peers import Peer
 from fluidgym.scene import Scene
 from fluidgym.scene_file import load_scheme
@@ -38,6 +38,7 @@ from fluidgym.sph.state_equation import TAIT
 from fluidgym.sph.viscosity import VISCOSITY_MONAGHAN
 from fluidgym.sph.wall_models import FrozenWalls, MirrorWalls
 from fluidgym.validation import Case, Result, run
+from fluidgym.validation.report import finite
 
 Progress = Callable[[float], object]
 
@@ -225,10 +226,9 @@ class Point:
         """Plain values; a number that is not finite is None."""
         names = ("case", "dim", "resolution", "curve", "courant", "particles", "steps", "headline")
         found: dict[str, Any] = {name: getattr(self, name) for name in names}
-        found |= {"seconds": [_plain(seconds) for seconds in self.seconds]}
-        found |= {"wall_s": _plain(self.wall_s), "setup_s": self.setup_s, "error": _plain(self.error)}
-        found |= {"errors": {name: _plain(value) for name, value in self.errors.items()}, "on_front": on_front}
-        return found | {"broke_down": self.broke_down, "refused": self.refused}
+        found |= {"seconds": self.seconds, "wall_s": self.wall_s, "setup_s": self.setup_s, "error": self.error}
+        found |= {"errors": self.errors, "on_front": on_front, "broke_down": self.broke_down, "refused": self.refused}
+        return finite(found)
 
     def line(self) -> str:
         """One row under TABLE_HEAD."""
@@ -473,10 +473,6 @@ def objects(facts: Mapping[str, Any], points: Sequence[Point]) -> list[dict[str,
     return [dict(facts), *rows, {"summary": summarise(points)}]
 
 
-def _plain(value: float) -> float | None:
-    return value if math.isfinite(value) else None
-
-
 # -- drawing ---------------------------------------------------------------------------------------------------------
 
 PLOTS = (".png", ".pdf", ".svg")
@@ -567,9 +563,5 @@ def draw(points: Sequence[Point], caption: str, path: Path) -> None:
         )
     width = round(14.0 * figure.get_figwidth())
     figure.supxlabel("\n".join(textwrap.wrap(caption, width)), fontsize=8, color="#4b5563")
-    draft = path.with_name(f".{os.getpid()}.{path.name}")
-    try:
-        figure.savefig(draft)
-        draft.replace(path)
-    finally:
-        draft.unlink(missing_ok=True)
+    with replacing(path) as unfinished:
+        figure.savefig(unfinished)

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+import subprocess
 import sys
 
 import numpy as np
@@ -568,10 +569,10 @@ def test_what_is_open_or_periodic_has_no_wall_particles(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", PEERS)
 def test_pysph_runs_the_same_scenes(name):
-    try:
-        peers.version(PEERS[name], peers.find_interpreter())
-    except ValueError as error:
-        pytest.skip(str(error))
+    python = peers.find_interpreter()
+    if subprocess.run([python, "-c", "import pysph"], capture_output=True).returncode:
+        pytest.skip("PySPH is not there; the rest of this file tests what is ours with a peer of its own")
+    assert peers.version(PEERS[name], python)
     drop = peers.run(PEERS[name], elliptic_drop.CASE, 10)
     assert 0.0 < drop.errors["b"] < 0.05
     assert drop.wall_s > 0.0

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import os
-import secrets
 from collections.abc import Iterable, Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from PIL import Image
+
+from fluidgym.files import replacing
 
 _PALETTE_PIXELS = 400_000  # How many pixels of a film its palette is chosen from.
 _COLOURS = 255  # One place in the palette is left for "as in the frame before".
@@ -28,7 +28,7 @@ def write_png(path: str | os.PathLike[str], frame: Any) -> None:
         FileNotFoundError: The folder does not exist.
     """
     picture = Image.fromarray(check_frame(frame, "frame"))
-    with _replacing(path) as unfinished:
+    with replacing(path) as unfinished:
         picture.save(unfinished, format="PNG")
 
 
@@ -54,7 +54,7 @@ def write_gif(path: str | os.PathLike[str], frames: Iterable[Any], fps: float) -
         raise ValueError("frames: 0 frames, at least 1 needed; give the frames of the film")
     palette = _shared_palette(film)
     pictures, durations = _pictures(film, palette, rate)
-    with _replacing(path) as unfinished:
+    with replacing(path) as unfinished:
         pictures[0].save(
             unfinished,
             format="GIF",
@@ -92,7 +92,7 @@ def write_mp4(path: str | os.PathLike[str], frames: Iterable[Any], fps: float) -
     if first is None:
         raise ValueError("frames: 0 frames, at least 1 needed; give the frames of the film")
     height, width = _even(first).shape[:2]
-    with _replacing(path) as unfinished:
+    with replacing(path) as unfinished:
         sink = imageio_ffmpeg.write_frames(
             str(unfinished),
             (width, height),
@@ -108,21 +108,6 @@ def write_mp4(path: str | os.PathLike[str], frames: Iterable[Any], fps: float) -
             sink.send(_even(first).tobytes())
             for frame in film:
                 sink.send(_even(frame).tobytes())
-
-
-@contextlib.contextmanager
-def _replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Give a file name beside the target; put the file in the target's place at the end."""
-    target = Path(path)
-    folder = target.parent
-    if not folder.is_dir():
-        raise FileNotFoundError(f"path: folder {str(folder)!r} does not exist; make it first")
-    unfinished = folder / f".{target.stem}-{secrets.token_hex(4)}{target.suffix}"
-    try:
-        yield unfinished
-        os.replace(unfinished, target)
-    finally:
-        unfinished.unlink(missing_ok=True)
 
 
 def check_frame(frame: Any, name: str) -> np.ndarray:

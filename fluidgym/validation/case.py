@@ -241,6 +241,29 @@ def observed_order(coarse: Result, fine: Result) -> dict[str, float]:
     return {name: orders[name] for name in fine.errors if name in orders}
 
 
+def runge_kutta(rate: Callable[[np.ndarray], np.ndarray], state: np.ndarray, duration: float, steps: int) -> np.ndarray:
+    """A state after a duration, its rate of change known: the classical method, in equal steps."""
+    dt = duration / steps
+    for _ in range(steps):
+        k1 = rate(state)
+        k2 = rate(state + 0.5 * dt * k1)
+        k3 = rate(state + 0.5 * dt * k2)
+        k4 = rate(state + dt * k3)
+        state = state + dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+    return state
+
+
+def largest_error(
+    reference: Callable[[np.ndarray, float], np.ndarray],
+    times: np.ndarray,
+    places: Sequence[np.ndarray] | np.ndarray,
+    values: Sequence[np.ndarray] | np.ndarray,
+) -> float:
+    """Largest difference from a reference (place, time) -> value over all places and instants but the first."""
+    instants = zip(times[1:], places[1:], values[1:], strict=True)
+    return float(np.max([np.abs(found - reference(place, time)).max() for time, place, found in instants]))
+
+
 def rms(values: Sequence[float] | np.ndarray) -> float:
     """Root mean square."""
     return float(np.sqrt(np.mean(np.square(values))))

@@ -24,7 +24,7 @@ import numpy as np
 from fluidgym.diagnostics import elastic_energy, kinetic_energy, pressure_at, second_moments
 from fluidgym.scene import OPEN, Ball, Fluid, Material, Scene
 from fluidgym.solver import Solver
-from fluidgym.validation.case import Case, Records
+from fluidgym.validation.case import Case, Records, runge_kutta
 
 RADIUS = 1.0  # [m]
 STRAIN_RATE = 100.0  # A at the start [1/s]
@@ -46,15 +46,7 @@ def _exact(t: float) -> tuple[float, float]:
         a = RADIUS**2 / b
         return np.array([A * b, A**2 * (a**2 - b**2) / (a**2 + b**2)])
 
-    state, n = np.array([RADIUS, STRAIN_RATE]), 400
-    dt = t / n
-    for _ in range(n):
-        k1 = rate(state)
-        k2 = rate(state + 0.5 * dt * k1)
-        k3 = rate(state + 0.5 * dt * k2)
-        k4 = rate(state + dt * k3)
-        state = state + dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
-    b, A = state
+    b, A = runge_kutta(rate, np.array([RADIUS, STRAIN_RATE]), t, 400)
     return float(b), float(A**2 * RADIUS**4 / (b**2 + (RADIUS**2 / b) ** 2))
 
 

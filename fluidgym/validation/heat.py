@@ -24,7 +24,7 @@ import numpy as np
 from fluidgym.scene import AXES, PERIODIC, Box, Face, Fluid, Material, Scene
 from fluidgym.solver import Solver
 from fluidgym.validation import shear_start_up
-from fluidgym.validation.case import Case, Records
+from fluidgym.validation.case import Case, Records, largest_error
 
 GAP = 1.0  # L [m]
 DIFFUSIVITY = 0.01  # [m2/s]
@@ -82,20 +82,12 @@ def observe(solver: Solver) -> dict[str, np.ndarray]:
 
 def arch_errors(times: np.ndarray, records: Records, scene: Scene) -> dict[str, float]:
     """The error of the arch."""
-    return {"arch": _largest_error(arch, times, records)}
+    return {"arch": largest_error(arch, times / TIME_UNIT, records["place"], records["temperature"])}
 
 
 def step_errors(times: np.ndarray, records: Records, scene: Scene) -> dict[str, float]:
     """The error of the step."""
-    return {"step": _largest_error(step, times, records)}
-
-
-def _largest_error(reference: Any, times: np.ndarray, records: Records) -> float:
-    found = [
-        np.abs(temperature - reference(place, time / TIME_UNIT)).max()
-        for time, place, temperature in zip(times[1:], records["place"][1:], records["temperature"][1:], strict=True)
-    ]
-    return float(np.max(found))
+    return {"step": largest_error(step, times / TIME_UNIT, records["place"], records["temperature"])}
 
 
 ARCH = Case(

@@ -41,7 +41,7 @@ from fluidgym.scene import OPEN, Ball, Fluid, Material, Scene
 from fluidgym.scheme import Scheme
 from fluidgym.solver import Solver
 from fluidgym.sph.smoothing import WENDLAND_C4
-from fluidgym.validation.case import Case, Records, rms
+from fluidgym.validation.case import Case, Records, rms, runge_kutta
 
 RADIUS = 1.0  # [m]
 STRAIN_RATE = 0.5  # sigma at the start [1/s]
@@ -65,15 +65,8 @@ def _exact(t: float) -> tuple[float, float]:
         b = RADIUS**2 / a
         return np.array([sigma * a, (sigma**2 + PULL**2) * (b**2 - a**2) / (a**2 + b**2)])
 
-    state, n = np.array([RADIUS, STRAIN_RATE]), max(1, math.ceil(100.0 * t))
-    dt = t / n
-    for _ in range(n):
-        k1 = rate(state)
-        k2 = rate(state + 0.5 * dt * k1)
-        k3 = rate(state + 0.5 * dt * k2)
-        k4 = rate(state + dt * k3)
-        state = state + dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
-    return float(state[0]), float(state[1])
+    a, sigma = runge_kutta(rate, np.array([RADIUS, STRAIN_RATE]), t, max(1, math.ceil(100.0 * t)))
+    return float(a), float(sigma)
 
 
 def center_pressure(exact: np.ndarray) -> np.ndarray:

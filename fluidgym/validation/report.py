@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from fluidgym.files import replacing
 from fluidgym.validation.case import Result
 
 _COLUMNS = "{:<16}{:>4}{:>6}{:>11}{:>8}{:>9}   {:<16}{:>11}{:>7}   {:<17}{:<17}"
@@ -53,24 +53,21 @@ def as_json(result: Result, order: Mapping[str, float]) -> dict[str, Any]:
     found = {name: getattr(result, name) for name in names}
     found |= {"goal": result.goal, "order": dict(order), "passed": result.passed, "times": result.times.tolist()}
     found["records"] = {name: values.tolist() for name, values in result.records.items()}
-    return _finite(found)
+    return finite(found)
 
 
 def write_json(path: Path, objects: Sequence[Mapping[str, Any]]) -> None:
     """Write a list of objects to a file: all of it, or none of it and the file stays as it was."""
-    draft = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        draft.write_text(json.dumps(list(objects), indent=1, allow_nan=False) + "\n", encoding="utf-8")
-        draft.replace(path)
-    finally:
-        draft.unlink(missing_ok=True)
+    with replacing(path) as unfinished:
+        unfinished.write_text(json.dumps(list(objects), indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
-def _finite(value: Any) -> Any:
+def finite(value: Any) -> Any:
+    """A plain value, with null for each number in it that is not finite."""
     if isinstance(value, Mapping):
-        return {key: _finite(item) for key, item in value.items()}
+        return {key: finite(item) for key, item in value.items()}
     if isinstance(value, list):
-        return [_finite(item) for item in value]
+        return [finite(item) for item in value]
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value

@@ -22,14 +22,13 @@ Errors:
 
 import dataclasses
 import math
-from collections.abc import Callable
 
 import numpy as np
 
 from fluidgym.scene import NO_SLIP_WALL, PERIODIC, Box, Face, Fluid, Material, Scene, face_names
 from fluidgym.scheme import Scheme
 from fluidgym.solver import Solver
-from fluidgym.validation.case import Case, Records
+from fluidgym.validation.case import Case, Records, largest_error
 
 WIDTH = 1.0  # L [m]
 SPEED = 1.0  # U [m/s]
@@ -93,20 +92,12 @@ def observe(solver: Solver) -> dict[str, np.ndarray]:
 
 def poiseuille_errors(times: np.ndarray, records: Records, scene: Scene) -> dict[str, float]:
     """The error of the flow that a force drives."""
-    return {"poiseuille": _largest_error(poiseuille, times, records)}
+    return {"poiseuille": largest_error(poiseuille, times / TIME_UNIT, records["place"], records["speed"])}
 
 
 def couette_errors(times: np.ndarray, records: Records, scene: Scene) -> dict[str, float]:
     """The error of the flow that a wall drives."""
-    return {"couette": _largest_error(couette, times, records)}
-
-
-def _largest_error(reference: Callable[[np.ndarray, float], np.ndarray], times: np.ndarray, records: Records) -> float:
-    found = [
-        np.abs(speed - reference(place, time / TIME_UNIT)).max()
-        for time, place, speed in zip(times[1:], records["place"][1:], records["speed"][1:], strict=True)
-    ]
-    return float(np.max(found))
+    return {"couette": largest_error(couette, times / TIME_UNIT, records["place"], records["speed"])}
 
 
 POISEUILLE = Case(

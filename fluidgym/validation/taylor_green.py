@@ -34,6 +34,7 @@ that a fifth of the speed at the end counts as much as all of it at the start.
 
 import dataclasses
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -70,14 +71,17 @@ def pressure(position: np.ndarray, time: float = 0.0) -> np.ndarray:
     return -0.25 * DENSITY * (SPEED * decay(time)) ** 2 * (np.cos(2.0 * x) + np.cos(2.0 * y))
 
 
-def scene(resolution: int, dim: int) -> Scene:
-    """The periodic box, full of fluid that moves as the exact flow does."""
-    size = (LENGTH, LENGTH)
+Field = Callable[[np.ndarray], np.ndarray]
+
+
+def periodic_box(resolution: int, dim: int, side: float, velocity: Field, pressure: Field) -> Scene:
+    """A periodic box of a side [m], its fluid starting with the velocity [m/s] and pressure [Pa] of places [m]."""
+    lower, upper = (0.0,) * dim, (side,) * dim
     still = Scene(
-        lower=(0.0, 0.0),
-        upper=size,
-        particle_spacing=LENGTH / resolution,
-        fluid=[Fluid(Box((0.0, 0.0), size))],
+        lower=lower,
+        upper=upper,
+        particle_spacing=side / resolution,
+        fluid=[Fluid(Box(lower, upper))],
         faces=dict.fromkeys(face_names(dim), PERIODIC),
         gravity=0.0,
         material=Material(density=DENSITY, viscosity=VISCOSITY),
@@ -86,10 +90,13 @@ def scene(resolution: int, dim: int) -> Scene:
     )
     # A scene asks for velocity and pressure on the lattice, before the jitter; here they are those after it.
     places = still.sample().position
-    moving = Fluid(
-        Box((0.0, 0.0), size), velocity=lambda lattice: velocity(places), pressure=lambda _: pressure(places)
-    )
+    moving = Fluid(Box(lower, upper), velocity=lambda lattice: velocity(places), pressure=lambda _: pressure(places))
     return dataclasses.replace(still, fluid=[moving])
+
+
+def scene(resolution: int, dim: int) -> Scene:
+    """The periodic box, full of fluid that moves as the exact flow does."""
+    return periodic_box(resolution, dim, LENGTH, velocity, pressure)
 
 
 def speed_error(position: np.ndarray, moving: np.ndarray, time: float) -> float:

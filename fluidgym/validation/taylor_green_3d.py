@@ -26,24 +26,18 @@ Errors:
         Only runs that go on to t = 6, well beyond the peak at 4.9, have it.
 """
 
-import dataclasses
 import math
 
 import numpy as np
 
 from fluidgym.diagnostics import kinetic_energy, mass
-from fluidgym.scene import PERIODIC, Box, Fluid, Material, Scene, face_names
+from fluidgym.scene import Scene
 from fluidgym.scheme import Scheme
 from fluidgym.solver import Solver
 from fluidgym.validation.case import Case, Records
+from fluidgym.validation.taylor_green import DENSITY, LENGTH, SPEED, periodic_box
 
-LENGTH = 1.0  # L [m]
-SPEED = 1.0  # U [m/s]
 SIDE = 2.0 * math.pi * LENGTH  # of the box [m]
-DENSITY = 1000.0  # [kg/m3]
-REYNOLDS = 100.0
-VISCOSITY = SPEED * LENGTH / REYNOLDS  # [m2/s]
-JITTER = 0.2  # over the spacing
 TIME_UNIT = LENGTH / SPEED  # [s]
 TIMES = 0.25 * np.arange(1, 41)  # t U/L
 
@@ -72,22 +66,7 @@ def pressure(position: np.ndarray) -> np.ndarray:
 
 def scene(resolution: int, dim: int) -> Scene:
     """The periodic box, full of fluid that moves as the vortex does at the start."""
-    lower, upper = (0.0,) * dim, (SIDE,) * dim
-    still = Scene(
-        lower=lower,
-        upper=upper,
-        particle_spacing=SIDE / resolution,
-        fluid=[Fluid(Box(lower, upper))],
-        faces=dict.fromkeys(face_names(dim), PERIODIC),
-        gravity=0.0,
-        material=Material(density=DENSITY, viscosity=VISCOSITY),
-        reference_speed=SPEED,
-        jitter=JITTER,
-    )
-    # A scene asks for velocity and pressure on the lattice, before the jitter; here they are those after it.
-    places = still.sample().position
-    moving = Fluid(Box(lower, upper), velocity=lambda lattice: velocity(places), pressure=lambda _: pressure(places))
-    return dataclasses.replace(still, fluid=[moving])
+    return periodic_box(resolution, dim, SIDE, velocity, pressure)
 
 
 def observe(solver: Solver) -> dict[str, float]:
