@@ -5,14 +5,31 @@ from __future__ import annotations
 import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 from gymnasium import spaces
 
+from fluidgym.checks import check_choice
 from fluidgym.scene import Particles, Scene
-from fluidgym.scheme import DEFAULT_SCHEME, Scheme
+from fluidgym.scheme import DEFAULT_SCHEME, FIDELITIES, Scheme
 from fluidgym.solver import Solver
+
+DEFAULT_FIDELITY = "balanced"
+
+
+@dataclass(frozen=True)
+class Gate:
+    """The validation case that stands for the physics of a task.
+
+    Attributes:
+        case: Name of the case, a key of `fluidgym.validation.CASES`.
+        scale: Resolution of the case over that of the task; 1 where both count along the same length.
+    """
+
+    case: str
+    scale: float = 1.0
 
 
 class Task(ABC):
@@ -23,8 +40,12 @@ class Task(ABC):
     is found for a world may not depend on the others.
 
     Attributes:
+        resolutions: What a fidelity has as its resolution, unless another is given: {dim: {fidelity: resolution}}.
+        gates: What the accuracy of the task is measured by, by dimension; its accuracy card has the errors.
         scene: What is simulated, with the largest start there can be.
         scheme: How.
+        fidelity: Name of the trade-off that the scheme is of, a key of `FIDELITIES`; None for a scheme of one's own.
+        resolution: Particles along the length that the task counts them along.
         control_interval: Time between actions [s].
         max_episode_steps: Actions in an episode; it is truncated after them.
         action_space: Of one world.
@@ -33,8 +54,12 @@ class Task(ABC):
         solver: The worlds, from `attach` on.
     """
 
+    resolutions: ClassVar[Mapping[int, Mapping[str, int]]]
+    gates: ClassVar[Mapping[int, Gate]] = {}
     scene: Scene
     scheme: Scheme = DEFAULT_SCHEME
+    fidelity: str | None = DEFAULT_FIDELITY
+    resolution: int
     control_interval: float
     max_episode_steps: int
     action_space: spaces.Box
@@ -53,6 +78,31 @@ class Task(ABC):
         for name in options:
             if name not in known:
                 raise ValueError(f"{cls.__name__} has no option {name!r}; use {', '.join(known)}")
+
+    def choose_fidelity(self, dim: int, fidelity: str | None, scheme: Scheme | None) -> int:
+        """Set `fidelity` and `scheme` as asked for.
+
+        Args:
+            dim: 2 or 3.
+            fidelity: A key of `FIDELITIES`; None is "balanced".
+            scheme: In place of that of the fidelity.
+
+        Returns:
+            The resolution that goes with them.
+
+        Raises:
+            ValueError: There is no such fidelity, the scheme is none, or both are given.
+        """
+        if fidelity is not None:
+            *others, last = map(repr, FIDELITIES)
+            check_choice("fidelity", fidelity, tuple(FIDELITIES), f"{', '.join(others)} or {last}")
+        if scheme is not None and not isinstance(scheme, Scheme):
+            raise ValueError(f"scheme = {scheme!r} is not a Scheme; give fluidgym.Scheme(...), or leave it out")
+        if scheme is not None and fidelity is not None:
+            raise ValueError(f"fidelity = {fidelity!r} has a scheme, and another is given, limit one; leave one out")
+        chosen = fidelity or DEFAULT_FIDELITY
+        self.fidelity, self.scheme = (chosen, FIDELITIES[chosen]) if scheme is None else (None, scheme)
+        return self.resolutions[dim][chosen]
 
     def attach(self, solver: Solver) -> None:
         """Take the worlds that the task is posed in, and make what measures them."""

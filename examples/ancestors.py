@@ -34,7 +34,7 @@ from fluidgym.sph.wall_models import ClampWalls, FrozenWalls, MirrorWalls, Penal
 from fluidgym.validation.dam_break import FRONT_TIMES, HEIGHT, TIME_UNIT, front_errors
 from fluidgym.validation.dam_break import scene as dam_break
 
-RESOLUTION, QUICK_RESOLUTION = 40, 16  # particles over the column's height
+RESOLUTION, QUICK_RESOLUTION = 40, 20  # particles over the column's height
 VISCOSITY = 1.0 / 160.0  # over c h, what the old methods need
 ANCESTOR = replace(MUELLER, state_equation=TAIT, integrator=LEAPFROG)
 
@@ -97,7 +97,7 @@ class Run:
 
 def parse_arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--resolution", type=int, help="particles over the column's height (default: 40; 16 if quick)")
+    parser.add_argument("--resolution", type=int, help="particles over the column's height (default: 40; 20 if quick)")
     parser.add_argument("--quick", action="store_true", help="fewer methods, and coarser: a few seconds")
     parser.add_argument("--device", default=None, help="cpu, cuda, ... (default: a GPU where there is one)")
     parser.add_argument("--output", type=Path, default=Path("outputs/ancestors"), help="folder (outputs/ancestors)")

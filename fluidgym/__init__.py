@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from gymnasium.envs.registration import register
 
+from fluidgym import precision
 from fluidgym._names import check_import_name
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from fluidgym.solver import Solver
 
 check_import_name()
+precision.install()
 
 __version__ = "0.1.0"
 

@@ -13,6 +13,8 @@ from typing import Any
 
 from tqdm import tqdm
 
+from fluidgym import precision
+
 MISSED, REFUSED, INTERRUPTED = 1, 2, 130  # exit statuses
 BAR = "{desc} {percentage:3.0f}%|{bar}| {n:.2f}/{total:.2f} s simulated [{elapsed}<{remaining}]"
 
@@ -28,7 +30,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     _add_run(commands)
     _add_validate(commands)
     _add_benchmark(commands)
+    _add_card(commands)
     chosen = parser.parse_args(arguments)
+    try:
+        if getattr(chosen, "precision", None):
+            precision.choose(chosen.precision)
+        precision.chosen()  # what the environment says may be wrong
+    except ValueError as error:
+        return _refuse(str(error))
     return chosen.run(chosen)
 
 
@@ -42,6 +51,11 @@ def _add_run(commands: argparse._SubParsersAction) -> None:
     parser.add_argument("--out", type=Path, metavar="FOLDER", help="where to (default: outputs/NAME of the file)")
     parser.add_argument("--duration", type=float, metavar="S", help="simulated time [s], in place of the file's")
     parser.add_argument("--spacing", type=float, metavar="DX", help="particle spacing [m], in place of the file's")
+    parser.add_argument(
+        "--fidelity",
+        metavar="NAME",
+        help="fast, balanced or accurate: the scheme, in place of the file's; other keys of its [scheme] are kept",
+    )
     parser.add_argument("--device", help="cpu, cuda, cuda:1, ...; a GPU where there is one if not given")
     parser.add_argument("--fps", type=float, metavar="N", help="frames a second of the film, in place of the file's")
     parser.add_argument("--film", choices=("gif", "mp4", "none"), default="gif", help="mp4 needs the extra 'render'")
@@ -64,7 +78,8 @@ def run(chosen: argparse.Namespace) -> int:
 
     folder = chosen.out or Path("outputs") / chosen.file.stem
     try:
-        experiment = load(chosen.file, chosen.spacing)
+        _check_fidelities([] if chosen.fidelity is None else [chosen.fidelity])
+        experiment = load(chosen.file, chosen.spacing, chosen.fidelity)
         if chosen.duration is not None:
             experiment = replace(experiment, duration=chosen.duration)
         if chosen.fps is not None:
@@ -95,6 +110,19 @@ def run(chosen: argparse.Namespace) -> int:
     return 0
 
 
+def _check_fidelities(names: Sequence[str]) -> None:
+    """Refuse what is no fidelity.
+
+    Raises:
+        ValueError: A name is unknown.
+    """
+    from fluidgym.scheme import FIDELITIES
+
+    for name in names:
+        if name not in FIDELITIES:
+            raise ValueError(f"--fidelity {name}: this is none; use {', '.join(FIDELITIES)}")
+
+
 def _make_folder(folder: Path) -> None:
     """Make the folder of a run's files.
 
@@ -119,38 +147,65 @@ def _add_validate(commands: argparse._SubParsersAction) -> None:
     parser.add_argument("--resolutions", nargs="+", type=int, metavar="N", help="particles along the case's length")
     parser.add_argument("--dim", type=int, choices=(2, 3), help="only the variants of this dimension")
     parser.add_argument(
-        "--scheme", metavar="NAME|FILE", help="in place of the cases' own: a name, or a TOML file with a [scheme]"
+        "--scheme",
+        metavar="NAME|FILE",
+        help="in place of the cases' own: fast, balanced, accurate or another name, or a TOML file with a [scheme]",
     )
     parser.add_argument("--device", help="cpu, cuda, cuda:1, ...; a GPU where there is one if not given")
+    parser.add_argument(
+        "--precision",
+        choices=precision.PRECISIONS,
+        help=f"double tells how much of an error is rounding (default: ${precision.VARIABLE}, or single)",
+    )
     parser.add_argument("--full", action="store_true", help="run each case for as long as it has something to measure")
+    parser.add_argument(
+        "--limit", type=float, metavar="S", help="leave out runs that would take longer [s], by the coarser run before"
+    )
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the results to this file as well")
+    parser.add_argument("--markdown", type=Path, metavar="FILE", help="write them as a page, docs/validation.md")
     parser.add_argument("--strict", action="store_true", help="exit with status 1 when a target is missed")
     parser.set_defaults(run=validate)
 
 
 def validate(chosen: argparse.Namespace) -> int:
-    """Run validation cases: a line of the table for each error as it is known, and the JSON file kept up with it."""
+    """Run validation cases: a line of the table for each error as it is known, and the files kept up with it."""
     # Imported here so that help and other commands do not wait for it.
+    from fluidgym.benchmark import machine
     from fluidgym.solver import find_device
     from fluidgym.validation import CASES, observed_order, run
-    from fluidgym.validation.report import TABLE_HEAD, as_json, table_lines, write_json
+    from fluidgym.validation.report import TABLE_HEAD, as_json, markdown, table_lines, write_json, write_page
     from fluidgym.work_precision import adapted, find_scheme
 
     try:
         plan = _plan(chosen, chosen.cases or list(CASES))
         named = find_scheme(chosen.scheme) if chosen.scheme else None
         _check_file("--json", chosen.json)
+        _check_file("--markdown", chosen.markdown)
         device = str(find_device(chosen.device))
     except ValueError as error:
         return _refuse(str(error))
 
-    print(TABLE_HEAD, flush=True)
-    results, objects, interrupted = [], [], False
+    def keep() -> None:
+        if chosen.json:
+            write_json(chosen.json, objects)
+        if chosen.markdown:
+            write_page(chosen.markdown, markdown(objects, CASES, machine(device), _validate_command(chosen), left_out))
+
+    wide = {"precision": "double"} if precision.chosen() == "double" else {}
+    print(*(["in double precision"] if wide else []), TABLE_HEAD, sep="\n", flush=True)
+    results, objects, left_out, interrupted = [], [], [], False
     try:
         for case, resolution, dim in plan:
             case = adapted(case, named) if named else case
             end = float(case.times[-1]) if chosen.full else case.end
             label = f"{case.name} {dim}D 1/{resolution}"
+            coarser = [other for other in results if (other.case, other.dim) == (case.name, dim)]
+            if chosen.limit and coarser:
+                expected = coarser[-1].wall_s * (resolution / coarser[-1].resolution) ** (dim + 1)
+                if expected > chosen.limit:
+                    print(f"{label}: left out, it would take about {expected:.0f} s", flush=True)
+                    left_out.append(label)
+                    continue
             try:
                 with tqdm(total=end, desc=label, bar_format=BAR, leave=False, disable=None) as bar:
                     result = run(case, resolution, dim, device, end=end, progress=bar.update)
@@ -159,17 +214,14 @@ def validate(chosen: argparse.Namespace) -> int:
                     return _refuse(f"{label}: {error}")
                 print(f"{label}: {chosen.scheme} cannot run it: {error}", flush=True)
                 continue
-            coarser = [other for other in results if (other.case, other.dim) == (case.name, dim)]
             order = observed_order(coarser[-1], result) if coarser else {}
             results.append(result)
-            objects.append(as_json(result, order) | ({"scheme": chosen.scheme} if named else {}))
-            if chosen.json:
-                write_json(chosen.json, objects)
+            objects.append(as_json(result, order) | ({"scheme": chosen.scheme} if named else {}) | wide)
+            keep()
             print("\n".join(table_lines(result, order)), flush=True)
     except KeyboardInterrupt:
         interrupted = True
-    if chosen.json:
-        write_json(chosen.json, objects)
+    keep()
     verdicts = [result.passed for result in results]
     summary = f"{verdicts.count(True)} passed, {verdicts.count(False)} missed, {verdicts.count(None)} without a target"
     spent = sum(result.setup_s for result in results)
@@ -178,6 +230,25 @@ def validate(chosen: argparse.Namespace) -> int:
         print(f"interrupted after {len(results)} of {len(plan)} runs", file=sys.stderr)
         return INTERRUPTED
     return MISSED if chosen.strict and False in verdicts else 0
+
+
+def _validate_command(chosen: argparse.Namespace) -> str:
+    """The command that makes the page of `validate` anew."""
+    words = list(chosen.cases)
+    words += ["--resolutions", *map(str, chosen.resolutions)] if chosen.resolutions else []
+    words += ["--dim", str(chosen.dim)] if chosen.dim else []
+    words += ["--scheme", chosen.scheme] if chosen.scheme else []
+    words += ["--precision", "double"] if precision.chosen() == "double" else []
+    words += ["--device", chosen.device] if chosen.device else []
+    words += ["--full"] if chosen.full else []
+    words += ["--limit", f"{chosen.limit:g}"] if chosen.limit else []
+    return _page_command(["validate", *words], chosen.markdown)
+
+
+def _page_command(words: Sequence[str], page: Path) -> str:
+    """The command that makes a page anew; a folder that only this machine has is left out."""
+    name = page.name if page.is_absolute() else page.as_posix()
+    return " ".join(["python -m fluidgym", *words, "--markdown", name])
 
 
 def _plan(chosen: argparse.Namespace, names: Sequence[str]) -> list[tuple[Any, int, int]]:
@@ -225,7 +296,8 @@ def _add_benchmark(commands: argparse._SubParsersAction) -> None:
         "--schemes",
         nargs="+",
         metavar="NAME|FILE",
-        help="names, or TOML files with a [scheme]; the others are compared with the first (default: default mueller)",
+        help="names, such as fast balanced accurate, or TOML files with a [scheme]; the others are compared with the"
+        " first (default: default mueller)",
     )
     group.add_argument("--resolutions", nargs="+", type=int, metavar="N", help="in place of the cases' own")
     group.add_argument(
@@ -382,6 +454,94 @@ def _comparison(chosen: argparse.Namespace) -> tuple[Any, dict[str, str]]:
     curves = [SchemeCurve(name, named, device) for name, named in schemes.items()]
     curves += [PeerCurve(name, peer, python) for name, peer in peers.items()]
     return Comparison(plan, curves, courants, repeats), facts
+
+
+def _add_card(commands: argparse._SubParsersAction) -> None:
+    parser = commands.add_parser(
+        "card",
+        help="measure the error and the cost of the environments",
+        description="Hold each environment, at each fidelity, against the validation case that stands for it, at its"
+        " resolution and at twice that, and time it. Without an id, all environments.",
+    )
+    parser.add_argument("ids", nargs="*", metavar="ID", help="an environment, such as fluidgym/DamBreakContain2D-v0")
+    parser.add_argument(
+        "--fidelity", nargs="+", metavar="NAME", help="fast, balanced or accurate, one or several (default: all)"
+    )
+    parser.add_argument("--device", help="cpu, cuda, cuda:1, ...; a GPU where there is one if not given")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the results to this file as well")
+    parser.add_argument("--markdown", type=Path, metavar="FILE", help="write them as a page, docs/accuracy_cards.md")
+    parser.set_defaults(run=card)
+
+
+def card(chosen: argparse.Namespace) -> int:
+    """Measure environments: rows of the table for each at each fidelity, and the files kept up with them."""
+    from fluidgym.accuracy_card import TABLE_HEAD, make_card, write_markdown
+    from fluidgym.benchmark import machine
+    from fluidgym.scheme import FIDELITIES
+    from fluidgym.solver import find_device
+    from fluidgym.validation.report import write_json
+
+    try:
+        environments = _environments(chosen.ids)
+        fidelities = list(dict.fromkeys(chosen.fidelity or FIDELITIES))
+        _check_fidelities(fidelities)
+        _check_file("--json", chosen.json)
+        _check_file("--markdown", chosen.markdown)
+        device = str(find_device(chosen.device))
+    except ValueError as error:
+        return _refuse(str(error))
+    facts, cards, interrupted = machine(device), [], False
+    print(", ".join(f"{name} {value}" for name, value in facts.items()), TABLE_HEAD, sep="\n", flush=True)
+    with tqdm(total=1.0, bar_format=BAR, leave=False, disable=None) as bar:
+
+        def progress(label: str, duration: float) -> Any:
+            bar.reset(duration)
+            bar.set_description(label)
+            return bar.update
+
+        try:
+            for (env_id, options), fidelity in product(environments.items(), fidelities):
+                cards.append(make_card(env_id, options, fidelity, device, progress))
+                with tqdm.external_write_mode():
+                    print(*cards[-1].lines(), sep="\n", flush=True)
+                if chosen.json:
+                    write_json(chosen.json, [{"machine": facts}, *(found.as_json() for found in cards)])
+                if chosen.markdown:
+                    write_markdown(chosen.markdown, cards, facts, _card_command(chosen))
+        except KeyboardInterrupt:
+            interrupted = True
+        except ValueError as error:  # too few particles for the scene
+            return _refuse(f"{env_id} {fidelity}: {error}")
+    if interrupted:
+        print(f"interrupted after {len(cards)} of {len(environments) * len(fidelities)} cards", file=sys.stderr)
+        return INTERRUPTED
+    return 0
+
+
+def _environments(names: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """What environments are registered with, by id; of no names, all of the package.
+
+    Raises:
+        ValueError: There is no such environment.
+    """
+    import gymnasium
+
+    known = {env_id: spec.kwargs for env_id, spec in gymnasium.registry.items() if spec.namespace == "fluidgym"}
+    wanted = list(
+        dict.fromkeys(f"fluidgym/{name.removeprefix('fluidgym:').removeprefix('fluidgym/')}" for name in names)
+    )
+    unknown = [name for name, env_id in zip(names, wanted, strict=False) if env_id not in known]
+    if unknown:
+        raise ValueError(f"unknown environment {', '.join(unknown)}; known are {', '.join(known)}")
+    return {env_id: known[env_id] for env_id in wanted or known}
+
+
+def _card_command(chosen: argparse.Namespace) -> str:
+    """The command that makes the page of `card` anew."""
+    words = ["card", *chosen.ids]
+    words += ["--fidelity", *chosen.fidelity] if chosen.fidelity else []
+    words += ["--device", chosen.device] if chosen.device else []
+    return _page_command(words, chosen.markdown)
 
 
 def _check_file(option: str, path: Path | None) -> None:

@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 import warp as wp
 
-from fluidgym.scene import AXES, LEAST_MACH_MARGIN, Ball, Face, Scene, face_names
+from fluidgym.scene import AXES, LEAST_MACH_MARGIN, MACH_MARGIN, Ball, Face, Scene, face_names
 from fluidgym.scheme import LIMITS, Scheme
 from fluidgym.sph.bodies import make_bodies
 from fluidgym.sph.neighbors import make_grid
+from fluidgym.sph.shifting import shift_term
 from fluidgym.sph.smoothing import POLY6, SmoothingKernel
 from fluidgym.sph.state_equation import LINEAR
 from fluidgym.sph.structure import Structure
+from fluidgym.sph.terms import DensitySum
 from fluidgym.sph.wall_models import WALL_LIMITS, ClampWalls, FrozenWalls, MirrorWalls, PenaltyWalls
 from fluidgym.state import PADDING, Drains, Frozen, Nozzles
 
@@ -29,6 +32,9 @@ SKIN = 0.1
 
 # Accelerations are added up in fixed point, in units of c_0^2/h over this.
 FORCE_STEPS = float(1 << 20)
+
+# Density error of the pressure that is added in a shifted box, over (U/c_0)^2.
+LEVEL = 0.1
 
 _WALLS = {MirrorWalls: "mirror", PenaltyWalls: "penalty", ClampWalls: "clamp", FrozenWalls: "frozen"}
 
@@ -48,8 +54,9 @@ class Parameters:
             "thermal_diffusivity": material.thermal_diffusivity,
             "central_force": scene.central_force,
             "gamma": scheme.gamma,
-            "density_diffusion": scheme.density_diffusion,
+            "density_diffusion": 0.0 if scheme.preset == "mueller" else scheme.density_diffusion,
             "artificial_viscosity": scheme.artificial_viscosity,
+            "acoustic_damping": 0.0 if scheme.preset == "mueller" else scheme.acoustic_damping,
             "wall_stiffness": walls.stiffness if isinstance(walls, PenaltyWalls) else 0.0,
             "wall_margin": walls.margin if isinstance(walls, PenaltyWalls) else 0.0,
             "wall_damping": walls.damping if isinstance(walls, ClampWalls) else 0.0,
@@ -132,12 +139,16 @@ class Parameters:
             "inv_c_0_squared": 1.0 / c_0**2,
             "gamma": p["gamma"],
             "diffusion": 2.0 * p["density_diffusion"] * h * c_0,
+            "damping": p["acoustic_damping"] * h / c_0,
+            "full_company": lattice_company(scheme.kernel, h / dx, dim),
             "artificial_viscosity": np.maximum(0.0, p["artificial_viscosity"] * h * c_0 - own),
             "viscosity": p["viscosity"] / unit,
             "viscosity_monaghan": own,
             "density_unit": 1.0 / lattice_sum(h / dx, dim) if scheme.preset == "mueller" else 1.0,
             "thermal_diffusivity": p["thermal_diffusivity"] / unit,
             "central_force": p["central_force"],
+            "shifting": scheme.shifting * scene.speed_scale * h,
+            "level": LEVEL * (scene.speed_scale / c_0) ** 2,
             "wall_stiffness": p["wall_stiffness"] * (c_0 / h) ** 2,
             "wall_margin": p["wall_margin"] * dx,
             "wall_damping": p["wall_damping"],
@@ -152,7 +163,19 @@ class Parameters:
         spread = (c["viscosity_monaghan"] + c["artificial_viscosity"]) / (2 * (scene.dim + 2))
         spread = np.maximum(spread, c["thermal_diffusivity"])
         speed = scene.speed_scale
-        return min(scheme.time_step(c["h"], c_0, speed, nu, gravity) for c_0, nu in zip(c["c_0"], spread, strict=True))
+        each = (c["c_0"], spread, self.values["density_diffusion"], self.values["acoustic_damping"])
+        return min(
+            scheme.time_step(c["h"], c_0, speed, nu, gravity, diffusion, damping)
+            for c_0, nu, diffusion, damping in zip(*each, strict=True)
+        )
+
+
+def with_sound_speed(scene: Scene, scheme: Scheme) -> Scene:
+    """The scene with the speed of sound that the scheme wants, where its material names none."""
+    if scene.material.sound_speed is not None or scheme.sound_speed_ratio == MACH_MARGIN:
+        return scene
+    sound_speed = scheme.sound_speed_ratio * scene.speed_scale
+    return replace(scene, material=replace(scene.material, sound_speed=sound_speed))
 
 
 def lattice_sum(ratio: float, dim: int) -> float:
@@ -163,13 +186,27 @@ def lattice_sum(ratio: float, dim: int) -> float:
 
 
 @lru_cache
+def lattice_company(kernel: SmoothingKernel, ratio: float, dim: int) -> float:
+    """Sum of V h^2 |W'/r| over the neighbours on a square or cubic lattice, for h/dx."""
+    _, slope = _lattice_slopes(kernel, ratio, dim)
+    return float(-kernel.sigma(dim) / ratio**dim * slope.sum())
+
+
+@lru_cache
 def lattice_laplacian(kernel: SmoothingKernel, ratio: float, dim: int) -> float:
     """Sum of V x^2 (-W'/r) over a square or cubic lattice, for h/dx: 1 were it an integral."""
+    x, slope = _lattice_slopes(kernel, ratio, dim)
+    return float(-kernel.sigma(dim) / ratio ** (dim + 2) * (x**2 * slope).sum())
+
+
+def _lattice_slopes(kernel: SmoothingKernel, ratio: float, dim: int) -> tuple[np.ndarray, np.ndarray]:
+    """Places along x, over the spacing, and W'/r, over sigma / h^(dim + 2), of neighbours on a lattice, each (n,)."""
     steps = np.arange(-math.ceil(kernel.support * ratio), math.ceil(kernel.support * ratio) + 1)
     places = [axis.ravel() for axis in np.meshgrid(*[steps] * dim)]
-    q = np.sqrt(sum(axis**2 for axis in places)) / ratio
-    slope = np.array([kernel.slope_of(value) for value in q])
-    return float(-kernel.sigma(dim) / ratio ** (dim + 2) * (places[0] ** 2 * slope).sum())
+    r_squared = np.sum(np.square(places), axis=0)
+    others = r_squared > 0
+    slope = np.array([kernel.slope_of(q) for q in np.sqrt(r_squared[others]) / ratio])
+    return places[0][others], slope
 
 
 def make_structure(scene: Scene, scheme: Scheme, parameters: Parameters, forces: bool, plain: bool) -> Structure:
@@ -202,6 +239,8 @@ def make_structure(scene: Scene, scheme: Scheme, parameters: Parameters, forces:
         integrator=scheme.steps,
         gravity=bool(np.any(scene.gravity_vector)) or bool(p["central_force"].any()),
         central=bool(p["central_force"].any()),
+        damped=bool((p["acoustic_damping"] > 0.0).any()),
+        leaning=scheme.preset == "delta" and bool((p["density_diffusion"] > 0.0).any()) and not scene.is_full,
         wall=wall,
         balls=tuple(isinstance(body.shape, Ball) for body in bodies),
         no_slip_bodies=tuple(body.slip == "no" for body in bodies),
@@ -209,9 +248,16 @@ def make_structure(scene: Scene, scheme: Scheme, parameters: Parameters, forces:
         round_pipes=tuple(dim == 3 and inflow.height is None for inflow in scene.inflows.values()),
         drains=len(scene.outflows),
         heat=heat,
+        shift=shift_term(scheme.kernel) if _is_shifted(scene, scheme) else None,
         forces=forces,
         plain=plain,
     )
+
+
+def _is_shifted(scene: Scene, scheme: Scheme) -> bool:
+    """Whether particles are shifted: in a full box, whose walls all show images, where density is advanced."""
+    summed = any(isinstance(term, DensitySum) for term in scheme.density_terms())
+    return scheme.shifting > 0.0 and scene.is_full and isinstance(scheme.walls, MirrorWalls) and not summed
 
 
 def _kind(face: Face, wall: str) -> str:
@@ -411,7 +457,8 @@ def make_frozen(scene: Scene, scheme: Scheme, device: wp.Device) -> tuple[Any, A
     points = points[~free]
     grid: Any = make_grid(np.asarray(scene.lower) - support, np.asarray(scene.upper) + support, support)
     count = np.array([grid.count[k] for k in range(dim)])
-    place = (points - np.array([grid.lower[k] for k in range(dim)])) * [grid.inv_width[k] for k in range(dim)]
+    lower, inv_width = ([float(at[k]) for k in range(dim)] for at in (grid.lower, grid.inv_width))
+    place = (points - lower) * inv_width
     cell = np.clip(np.floor(place).astype(int), 0, count - 1) @ np.cumprod([1, *count[:-1]])
     order = np.argsort(cell, kind="stable")
     padded = np.zeros((dim, len(points) + PADDING))

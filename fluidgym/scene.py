@@ -70,6 +70,10 @@ MACH_MARGIN = 10.0
 LEAST_MACH_MARGIN = 5.0
 
 
+# How far the volume of the particles may be from that of a box that counts as full, as a share.
+FULL = 0.005
+
+
 def face_names(dim: int) -> tuple[str, ...]:
     """Names of the faces of a box in array order: x_min, x_max, y_min, ... (2 * dim,)."""
     return tuple(f"{AXES[axis]}_{side}" for axis in range(dim) for side in ("min", "max"))
@@ -196,6 +200,15 @@ class Scene:
                 " give the largest speed expected [m/s]"
             )
         return self._speed_estimate
+
+    @cached_property
+    def is_full(self) -> bool:
+        """Whether fluid fills the box at the start and nothing can change that: no openings, no bodies, no motion."""
+        openings = self.bodies or self.inflows or self.outflows
+        if openings or any(face.kind == "open" or face.moving for face in self.faces.values()):
+            return False
+        room = float(np.prod(np.subtract(self.upper, self.lower))) / self.particle_spacing**self.dim
+        return abs(self._start_count / room - 1.0) < FULL
 
     @cached_property
     def _speed_estimate(self) -> float:

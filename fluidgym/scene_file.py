@@ -3,6 +3,10 @@
 The tables of a file are the dataclasses of the package, field by field, so that a new field of one needs no line here:
 what is at its default may be left out, None is written by leaving it out. The fields of the scene stand at the top of
 the file, beside `title`, `duration`, `[[motion]]`, `[scheme]` and `[view]`. Nothing in a file is executed.
+
+`[scheme]` has one key more than the fields of `Scheme`: `fidelity = "fast"`, "balanced" or "accurate" takes a scheme by
+its name, and the other keys then stand in for single fields of it. Without it they stand in for those of "balanced". It
+says nothing of the resolution, which is `particle_spacing`.
 """
 
 from __future__ import annotations
@@ -23,7 +27,7 @@ import tomli_w
 from fluidgym.experiment import Experiment, Motion
 from fluidgym.files import replacing
 from fluidgym.scene import Scene
-from fluidgym.scheme import Scheme
+from fluidgym.scheme import DEFAULT_SCHEME, FIDELITIES, Scheme
 from fluidgym.shapes import Shape
 from fluidgym.sph import integrators, smoothing, state_equation
 from fluidgym.sph.integrators import Integrator
@@ -73,18 +77,21 @@ _EXAMPLES = {
 }
 
 
-def load(path: str | os.PathLike[str], particle_spacing: float | None = None) -> Experiment:
+def load(
+    path: str | os.PathLike[str], particle_spacing: float | None = None, fidelity: str | None = None
+) -> Experiment:
     """Read a scene file.
 
     Args:
         path: The file.
         particle_spacing: In the place of the file's [m].
+        fidelity: In the place of that of the file's [scheme], whose other keys are kept.
 
     Raises:
         ValueError: The file cannot be read or says what cannot be; one line that names the file, the field, the value,
             the limit and the remedy.
     """
-    return loads(_text(path), str(path), particle_spacing)
+    return loads(_text(path), str(path), particle_spacing, fidelity)
 
 
 def load_scheme(path: str | os.PathLike[str]) -> Scheme:
@@ -102,13 +109,16 @@ def load_scheme(path: str | os.PathLike[str]) -> Scheme:
         raise ValueError(f"{path}: {_one_line(error)}") from None
 
 
-def loads(text: str, name: str = "scene file", particle_spacing: float | None = None) -> Experiment:
+def loads(
+    text: str, name: str = "scene file", particle_spacing: float | None = None, fidelity: str | None = None
+) -> Experiment:
     """Read a scene file's text.
 
     Args:
         text: The text.
         name: What messages call it.
         particle_spacing: In the place of the text's [m].
+        fidelity: In the place of that of the text's [scheme], whose other keys are kept.
 
     Raises:
         ValueError: As of `load`.
@@ -116,6 +126,8 @@ def loads(text: str, name: str = "scene file", particle_spacing: float | None = 
     document = _document(text, name)
     if particle_spacing is not None:
         document["particle_spacing"] = particle_spacing
+    if fidelity is not None and isinstance(document.setdefault("scheme", {}), dict):
+        document["scheme"]["fidelity"] = fidelity
     try:
         return _read_experiment(document)
     except ValueError as error:
@@ -202,6 +214,8 @@ def _read(value: Any, hint: Any, path: str) -> Any:
         return _read_shape(value, tuple(choices), path)
     if hint in _KINDS.values():
         return _read_kind(value, tuple(choices), path)
+    if hint is Scheme:
+        return _read_scheme(value, path)
     if is_dataclass(hint) and isinstance(hint, type):
         return _read_table(value, hint, path)
     if origin is Literal:
@@ -223,6 +237,17 @@ def _read_table(table: Mapping[str, Any], kind: type, path: str, label: str | No
     hints = _hints(kind)
     _check_keys(table, path, list(hints), _required(kind))
     return _make(kind, {key: _read(value, hints[key], f"{path}.{key}") for key, value in table.items()}, label)
+
+
+def _read_scheme(table: Mapping[str, Any], path: str) -> Scheme:
+    """The scheme of a fidelity, with the other keys in the place of single fields of it."""
+    hints = _hints(Scheme)
+    _check_keys(table, path, ["fidelity", *hints], ())
+    named = FIDELITIES[_known(table.get("fidelity", "balanced"), FIDELITIES, f"{path}.fidelity")]
+    # Without what it takes for itself, as that depends on the preset.
+    base = _spare(named, {name: getattr(named, name) for name in hints})
+    own = {key: _read(value, hints[key], f"{path}.{key}") for key, value in table.items() if key != "fidelity"}
+    return _make(Scheme, base | own, path)
 
 
 def _read_kind(table: Mapping[str, Any], kinds: tuple[type, ...], path: str) -> Any:
@@ -289,6 +314,8 @@ def _check_keys(table: Mapping[str, Any], path: str, known: list[str], needed: S
         near = get_close_matches(key, known, n=1, cutoff=0.5)
         if path and key in _top_names():
             remedy = f"{key} belongs to the top of the file, before the first [table];"
+        elif not path and (key == "fidelity" or key in _hints(Scheme)):
+            remedy = f"{key} belongs to the table [scheme];"
         elif near:
             remedy = f"did you mean {near[0]}?"
         else:
@@ -459,6 +486,8 @@ def _write(value: Any, path: str) -> Any:
     if kind in _KINDS.values():
         word = next(word for word, known in _KINDS.items() if known is kind)
         return {"kind": word} | _write_table(value, path)
+    if isinstance(value, Scheme) and value != DEFAULT_SCHEME and value in FIDELITIES.values():
+        return {"fidelity": next(name for name, scheme in FIDELITIES.items() if scheme == value)}
     if is_dataclass(value):
         return _write_table(value, path)
     if isinstance(value, Mapping):

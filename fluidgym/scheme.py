@@ -8,11 +8,12 @@ from types import NoneType
 from typing import Any, Literal
 
 from fluidgym.checks import check_choice, check_range, check_type
+from fluidgym.scene import LEAST_MACH_MARGIN, MACH_MARGIN
 from fluidgym.sph.continuity import CENTRAL_DIFFUSION, DENSITY_DIFFUSION, DIVERGENCE
 from fluidgym.sph.integrators import KICK_DRIFT_KICK, LEAPFROG, Integrator
 from fluidgym.sph.mueller import KERNEL_VISCOSITY, POLY6_SUMMATION, spiky_pressure
 from fluidgym.sph.pressure import PRESSURE_GRADIENT
-from fluidgym.sph.smoothing import POLY6, WENDLAND_C2, SmoothingKernel
+from fluidgym.sph.smoothing import POLY6, WENDLAND_C2, WENDLAND_C4, SmoothingKernel
 from fluidgym.sph.state_equation import LINEAR, StateEquation, itself, without_tension
 from fluidgym.sph.terms import DensityRate, DensitySum, Drag, Force, Term
 from fluidgym.sph.viscosity import ARTIFICIAL_VISCOSITY, VISCOSITY_MORRIS
@@ -23,7 +24,10 @@ LIMITS = {
     "smoothing_ratio": (1.0, 3.0, "1.3 to 2"),
     "gamma": (1.0, 10.0, "7"),
     "density_diffusion": (0.0, 0.5, "0.1"),
-    "artificial_viscosity": (0.0, 1.0, "0.01"),
+    "artificial_viscosity": (0.0, 1.0, "0.0005 to 0.01"),
+    "acoustic_damping": (0.0, 2.0, "0.5"),
+    "shifting": (0.0, 4.0, "2.0"),
+    "sound_speed_ratio": (LEAST_MACH_MARGIN, 1000.0, "10"),
     "courant": (1e-6, 2.0, "1.0"),
 }
 
@@ -38,20 +42,27 @@ class Scheme:
         preset: "delta" advances the density by the continuity equation and has mirror-image walls; "mueller" sums it up
             with Poly6 and takes the forces of Mueller, Charypar & Gross (2003).
         kernel: Smoothing kernel of the delta preset's terms and of `terms`.
-        smoothing_ratio: Smoothing length over particle spacing, h/dx; None is 1.5 in 2D and 1.3 in 3D, and 2 for
-            mueller, whose kernels end at h.
+        smoothing_ratio: Smoothing length over particle spacing, h/dx; None is 2 in 2D and 1.5 in 3D, times the kernel's
+            breadth, and 2 for mueller, whose kernels end at h.
         state_equation: Pressure from density, LINEAR or TAIT.
         gamma: Exponent of TAIT.
         tension: Whether pressure may be negative; None is yes, and no for mueller.
         density_diffusion: delta of the density diffusion (Marrone et al. 2011); 0 leaves the term out. Not of mueller.
         artificial_viscosity: alpha of the artificial viscosity, which makes up what the fluid's own lacks of it; 0
             leaves it out.
+        acoustic_damping: b of a pressure b rho_0 c_0 h div u that opposes compression and so damps sound (Sun et al.
+            2023); 0 leaves it out. Not of mueller.
+        shifting: A of the particle shifting (shifting.py), which keeps particles from disorder in scenes that are and
+            stay full of fluid (Scene.is_full) between mirror-image walls and periodic faces; elsewhere it would inflate
+            the fluid and is left out. 0 leaves it out everywhere. Not of mueller.
         viscosity: Form of the fluid's own viscosity, VISCOSITY_MORRIS, VISCOSITY_MONAGHAN or KERNEL_VISCOSITY; None is
             the preset's. Left out where the fluid has none.
         integrator: KICK_DRIFT_KICK, LEAPFROG, SYMPLECTIC_EULER or EXPLICIT_EULER; None is KICK_DRIFT_KICK, and LEAPFROG
             for mueller.
         walls: MirrorWalls(), PenaltyWalls(), ClampWalls() or FrozenWalls().
-        courant: Time step over h / (c_0 + largest expected speed); None is 1, and 0.4 for mueller.
+        sound_speed_ratio: Speed of sound over the largest expected speed, where the material does not name it.
+        courant: Time step over h / (c_0 + largest expected speed), where sound is not damped; None is 1, and 0.4 for
+            mueller.
         terms: Further terms, added to those the fields above imply.
 
     Raises:
@@ -65,10 +76,13 @@ class Scheme:
     gamma: float = 7.0
     tension: bool | None = None
     density_diffusion: float = 0.1
-    artificial_viscosity: float = 0.01
+    artificial_viscosity: float = 0.0005
+    acoustic_damping: float = 0.5
+    shifting: float = 2.0
     viscosity: Force | Drag | None = None
     integrator: Integrator | None = None
     walls: WallModel = MIRROR_WALLS
+    sound_speed_ratio: float = MACH_MARGIN
     courant: float | None = None
     terms: tuple[Term, ...] = ()
 
@@ -125,7 +139,7 @@ class Scheme:
 
     def smoothing_length(self, spacing: float, dim: int) -> float:
         """Smoothing length h [m] for a particle spacing [m]."""
-        usual = 2.0 if self.preset == "mueller" else {2: 1.5, 3: 1.3}[dim]
+        usual = 2.0 if self.preset == "mueller" else {2: 2.0, 3: 1.5}[dim] * self.kernel.breadth
         return spacing * (self.smoothing_ratio or usual)
 
     @property
@@ -172,13 +186,37 @@ class Scheme:
         """The terms of du/dt, for a fluid with viscosity of its own or without."""
         return self.terms_in_use(viscous, False, self.artificial_viscosity > 0.0)[1]
 
-    def time_step(self, h: float, sound_speed: float, speed: float, viscosity: float, gravity: float) -> float:
-        """Largest stable time step [s]: sound, viscosity (of momentum or heat) and body force each set a limit.
+    def time_step(
+        self,
+        h: float,
+        sound_speed: float,
+        speed: float,
+        viscosity: float,
+        gravity: float,
+        diffusion: float = 0.0,
+        damping: float = 0.0,
+    ) -> float:
+        """Largest stable time step [s]: sound, diffusion of density, viscosity and body force each set a limit.
 
         Monaghan (1992) eq. 10; the factors are measured ones of the default integrator.
+
+        Args:
+            h: Smoothing length [m].
+            sound_speed: c_0 [m/s].
+            speed: Largest expected speed [m/s].
+            viscosity: Of momentum, or the thermal diffusivity if that is larger [m2/s].
+            gravity: Size of the body force [m/s2].
+            diffusion: delta.
+            damping: b.
         """
         assert self.courant is not None
-        step = self.courant * h / (sound_speed + speed)
+        # The shortest wave that a lattice carries at speed c_0 is stable to the step 1.5 h/c_0; damped by b h c_0 in an
+        # explicit step, to where (c_0 dt/h)^2 + 2 b c_0 dt/h is 1.5^2.
+        slower = (math.sqrt(damping**2 + 2.25) - damping) / 1.5
+        step = self.courant * h / (sound_speed / slower + speed)
+        if diffusion:
+            # An explicit step ends at h / (2 delta c_0 sum V h^2 |W'/r|), a sum of 3 to 4 on a lattice.
+            step = min(step, h / (6.0 * diffusion * sound_speed))
         if viscosity:
             # Along the line of a pair, as Monaghan has it, viscosity is stiffer between walls that stick.
             step = min(step, (0.125 if isinstance(self.viscosity, Drag) else 0.06) * h * h / viscosity)
@@ -191,3 +229,10 @@ DEFAULT_SCHEME = Scheme()
 
 # The method this field began with: all springs and no mirrors. Its walls may be any of the others.
 MUELLER = Scheme(preset="mueller", walls=PenaltyWalls(), artificial_viscosity=0.0)
+
+# Named trade-offs between run time and error; environments, scene files and the command line take them by these names.
+FIDELITIES: dict[str, Scheme] = {
+    "fast": Scheme(sound_speed_ratio=7.0),
+    "balanced": DEFAULT_SCHEME,
+    "accurate": Scheme(kernel=WENDLAND_C4, artificial_viscosity=0.0002),
+}

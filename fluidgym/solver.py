@@ -24,12 +24,14 @@ from fluidgym.layout import (
     make_frozen,
     make_nozzles,
     make_structure,
+    with_sound_speed,
 )
 from fluidgym.scene import AXES, Particles, Scene, face_names, pipe_frame
 from fluidgym.scheme import DEFAULT_SCHEME, Scheme
 from fluidgym.sph.constants import Constants
 from fluidgym.sph.integrate import advance_driven, aim, make_step, shift_acceleration
 from fluidgym.sph.neighbors import make_gather, make_grid, order_by_cell, settle_order
+from fluidgym.sph.shifting import CHUNK, add_up_gain
 from fluidgym.state import Frozen, ParticleArrays, State, driven_arrays
 
 _CONSTANTS: Any = Constants  # Warp structs: to a type checker no classes
@@ -93,7 +95,7 @@ class Solver:
     """Weakly compressible SPH of a scene, in many worlds at once.
 
     Attributes:
-        scene: What is simulated.
+        scene: What is simulated, with the speed of sound of the scheme where its material names none.
         scheme: How.
         num_worlds: Number of worlds.
         capacity: Particles that a world has room for.
@@ -146,6 +148,7 @@ class Solver:
         if not isinstance(scheme, Scheme):
             raise ValueError(f"Solver.scheme = {scheme!r} is not a Scheme; make one with Scheme(...) or leave it out")
         _check_count("num_worlds", num_worlds)
+        scene = with_sound_speed(scene, scheme)
         self.scene, self.scheme, self.num_worlds = scene, scheme, num_worlds
         self.device = find_device(device)
         self._flags = {"forces": report_forces, "plain": plain_loops}
@@ -177,7 +180,7 @@ class Solver:
         scene, dim = self.scene, self.scene.dim
         self._structure = make_structure(scene, self.scheme, self._parameters, **self._flags)
         self._kernels = make_step(self._structure)
-        self._gather = make_gather(dim, self._structure.heat)
+        self._gather = make_gather(dim, self._structure.heat, self._structure.leaning)
         self._moving_faces = any(face.moving for face in scene.faces.values())
         self._moving_bodies = any(body.moving for body in scene.bodies.values())
         self._graphs.clear()
@@ -202,6 +205,8 @@ class Solver:
             rows=self._nozzles.row_inflow.shape[0] if scene.inflows else 0,
             heat=structure.heat,
             forces=structure.forces,
+            leaning=structure.leaning,
+            shifted=structure.shifted,
         )
         self._bounds = wp.zeros(worlds * self._grid.stride + 2, dtype=int, device=device)
         self._face_travel = wp.array(scene.face_travel(), dtype=float, device=device)
@@ -235,6 +240,8 @@ class Solver:
             for name, value in self._numbers.items():
                 record[name] = value
             record["dt"] = dt
+            if not dt:
+                record["damping"] = 0.0  # the accelerations that the rate of the density leans on are not known yet
             array.assign(record)
 
     def set_parameters(self, **changes: Any) -> None:
@@ -265,6 +272,8 @@ class Solver:
             self._drains.field.assign(held_density(self.scene, self.scheme, self._parameters))
         if make_structure(self.scene, self.scheme, self._parameters, **self._flags) != self._structure:
             self._build_kernels()
+            if self._structure.leaning:
+                self.state.sort_accelerations()
         self._keep_pressure(*before)
 
     def _keep_pressure(self, c_0: np.ndarray, gamma: np.ndarray) -> None:
@@ -554,6 +563,8 @@ class Solver:
                 self.num_worlds,
                 density_out=state.now.density_error,
             )
+            if self._kernels.shift is not None:
+                self._shift()
             if self._kernels.emit is not None:
                 self._emit()
 
@@ -583,7 +594,7 @@ class Solver:
         wp.launch(order_by_cell, slots, [state.key, bounds, state.order], device=self.device)
         if self.device.is_cuda:
             wp.launch(settle_order, cells, [self._grid.stride, bounds, state.order], device=self.device)
-        names = ("position", "velocity", "density_error", "identity", "temperature")
+        names = ("position", "velocity", "density_error", "identity", "temperature", "acceleration")
         wp.launch(
             self._gather,
             dim=slots,
@@ -612,7 +623,11 @@ class Solver:
         wp.launch(
             self._kernels.advance_density,
             dim=slots,
-            inputs=[*shared, *around, half.position, half.velocity, half.density_error, half.identity],
+            inputs=[
+                *shared,
+                *around,
+                *(half.position, half.velocity, half.density_error, half.identity, half.acceleration),
+            ],
             outputs=[particles.position, density_out, particles.identity, state.field, clamped],
             device=self.device,
         )
@@ -637,6 +652,30 @@ class Solver:
                 outputs=[particles.temperature],
                 device=self.device,
             )
+
+    def _shift(self) -> None:
+        """Shift the particles, and hold the mean of the density errors."""
+        state, now, half = self.state, self.state.now, self.state.sorted
+        state.gain.zero_()
+        wp.launch(
+            add_up_gain,
+            dim=(self.num_worlds, -(-self.capacity // CHUNK)),
+            inputs=[self.capacity, half.density_error, now.density_error, now.identity],
+            outputs=[state.gain],
+            device=self.device,
+        )
+        wp.launch(
+            self._kernels.shift,
+            dim=self.num_worlds * self.capacity,
+            inputs=[
+                *(self.capacity, self._constants, self._grid, self._bounds, state.faces),
+                *(now.position, half.velocity, state.field, now.identity, state.gain),
+            ],
+            # The positions at the middle of the step have been read by all who do; here they make room.
+            outputs=[now.density_error, half.position],
+            device=self.device,
+        )
+        wp.copy(now.position, half.position)
 
     def _emit(self) -> None:
         """Let the nozzles add what is due."""
@@ -740,7 +779,21 @@ class Solver:
         if not self._structure.forces:
             raise RuntimeError("Solver.face_force and body_force are not added up; make the Solver(report_forces=True)")
         unit = np.broadcast_to(self._numbers["force_unit"], (self.num_worlds,))[:, None, None]
-        return -self.scene.particle_mass / max(self._force_steps, 1) * self.state.forces.numpy() / unit
+        mean = -self.scene.particle_mass / max(self._force_steps, 1) * self.state.forces.numpy() / unit
+        return mean - self._level_forces() if self._structure.shifted else mean
+
+    def _level_forces(self) -> np.ndarray:
+        """Force on each face of the pressure that shifting adds [N], (world, face, dim); none on periodic ones."""
+        scene, dim = self.scene, self.scene.dim
+        level, c_0 = (np.broadcast_to(self._numbers[name], (self.num_worlds,)) for name in ("level", "c_0"))
+        sides = np.subtract(scene.upper, scene.lower)
+        forces = np.zeros((self.num_worlds, 2 * dim, dim))
+        for index, face in enumerate(scene.faces.values()):
+            if face.kind == "wall":
+                axis, side = divmod(index, 2)
+                area = float(np.prod(np.delete(sides, axis)))
+                forces[:, index, axis] = (2 * side - 1) * scene.material.density * c_0**2 * level * area
+        return forces
 
     def account(self, world: int = 0) -> Account:
         """The particles of a world, as a ledger that is always exact.

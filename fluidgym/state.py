@@ -182,6 +182,7 @@ class State:
         bodies: The bodies, likewise.
         ledger: What the nozzles have done.
         forces: What faces and bodies have done to the particles, in fixed point, (world, face and body, dim).
+        gain: What the density errors gain in a step of a shifted box, in fixed point, (world,): scratch.
         clamped: How often the safety net at walls and bodies was used since the reset, (world,).
     """
 
@@ -195,6 +196,8 @@ class State:
         rows: int = 0,
         heat: bool = False,
         forces: bool = False,
+        leaning: bool = False,
+        shifted: bool = False,
     ):
         """Allocate.
 
@@ -207,12 +210,14 @@ class State:
             rows: Rows of the nozzles of a world.
             heat: Whether temperatures are kept.
             forces: Whether forces are added up.
+            leaning: Whether the density sweep reads accelerations.
+            shifted: Whether particles are shifted.
         """
         self.dim, self.num_worlds, self.capacity, self.device = dim, num_worlds, capacity, device
         slots = num_worlds * capacity
         self.now = ParticleArrays(dim, slots, device, heat=heat)
         self.start = ParticleArrays(dim, slots, device, heat=heat)
-        self.sorted = ParticleArrays(dim, slots, device, acceleration=False, heat=heat)
+        self.sorted = ParticleArrays(dim, slots, device, acceleration=leaning, heat=heat)
         self.field = wp.zeros(slots + PADDING, dtype=float, device=device)
         self.key = wp.zeros(slots, dtype=int, device=device)
         self.order = wp.zeros(slots, dtype=int, device=device)
@@ -227,7 +232,13 @@ class State:
         self.ledger.phase = wp.zeros((worlds_with_rows, rows), dtype=float, device=device)
         shape = (num_worlds, 2 * dim + len(half), dim) if forces else (0, 0, 0)
         self.forces = wp.zeros(shape, dtype=wp.int64, device=device)
+        self.gain = wp.zeros(num_worlds if shifted else 0, dtype=wp.int64, device=device)
         self.clamped = wp.zeros(num_worlds, dtype=int, device=device)
+
+    def sort_accelerations(self) -> None:
+        """Have room for the accelerations among what is sorted, which the density sweep has come to read."""
+        if not self.sorted.acceleration.size:
+            self.sorted.acceleration = wp.zeros_like(self.sorted.velocity)
 
     def set_start(self, worlds: np.ndarray, batch: ParticleArrays) -> None:
         """Make the worlds of a batch the start of the worlds of these numbers (n,)."""

@@ -33,7 +33,7 @@ from fluidgym.files import replacing
 from fluidgym.peers import Peer
 from fluidgym.scene import Scene
 from fluidgym.scene_file import load_scheme
-from fluidgym.scheme import DEFAULT_SCHEME, MUELLER, Scheme
+from fluidgym.scheme import DEFAULT_SCHEME, FIDELITIES, MUELLER, Scheme
 from fluidgym.sph.state_equation import TAIT
 from fluidgym.sph.viscosity import VISCOSITY_MONAGHAN
 from fluidgym.sph.wall_models import FrozenWalls, MirrorWalls
@@ -65,6 +65,7 @@ _ANCESTOR = replace(MUELLER, state_equation=TAIT)  # with the settings at the he
 SCHEMES: dict[str, NamedScheme] = {
     "default": NamedScheme("each case's own: delta-SPH between mirror-image walls, with constants for the case"),
     "delta": NamedScheme("delta-SPH with the constants of Scheme(), whatever the case has", DEFAULT_SCHEME),
+    **{name: NamedScheme(f"the scheme of fidelity {name!r}", scheme) for name, scheme in FIDELITIES.items()},
     "plain": NamedScheme("delta-SPH without its density diffusion", Scheme(density_diffusion=0.0)),
     "frozen": NamedScheme("delta-SPH between walls of frozen particles", Scheme(walls=FrozenWalls())),
     "monaghan": NamedScheme("delta-SPH with the viscosity of Monaghan", Scheme(viscosity=VISCOSITY_MONAGHAN)),

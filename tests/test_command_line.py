@@ -14,13 +14,15 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from fluidgym import benchmark, paraview, recording
+from fluidgym import accuracy_card, benchmark, paraview, recording
 from fluidgym.__main__ import main
+from fluidgym.envs.tasks.dam_break_contain import DamBreakContain
 from fluidgym.layout import Parameters, make_structure
 from fluidgym.scene_file import load
-from fluidgym.scheme import DEFAULT_SCHEME
+from fluidgym.scheme import DEFAULT_SCHEME, FIDELITIES, Scheme
 from fluidgym.validation import CASES, dam_break
 from fluidgym.validation.report import write_json
+from fluidgym.work_precision import SCHEMES
 
 
 @pytest.fixture
@@ -182,12 +184,13 @@ def test_cases_may_be_run_under_another_scheme(toy_case, tmp_path, monkeypatch, 
     monkeypatch.setitem(CASES, "toy", watched)
     mine, out = tmp_path / "mine.toml", tmp_path / "out.json"
     mine.write_text("[scheme]\ncourant = 0.25\n")
-    for name in ("mueller", str(mine)):
+    expected = {"mueller": SCHEMES["mueller"].scheme, str(mine): Scheme(courant=0.25), **FIDELITIES}
+    for name, scheme in expected.items():
+        seen.clear()
         arguments = ["validate", "toy", "--device", "cpu", "--resolutions", "8", "--scheme", name, "--json", str(out)]
         assert main(arguments) == 0
         assert json.loads(out.read_text())[0]["scheme"] == name
-    presets = [(scheme.preset, scheme.courant) for scheme in seen]
-    assert set(presets) == {("mueller", 0.4), ("delta", 0.25)}
+        assert set(seen) == {scheme}
 
 
 def test_a_case_that_a_scheme_cannot_run_is_told_and_left_out(toy_case, capsys):
@@ -283,6 +286,95 @@ def test_a_missing_library_is_told_before_anything_is_run(missing, tmp_path, mon
     assert printed.out == ""
     (line,) = printed.err.splitlines()
     assert f"fluidgym-sph[{'plot' if missing == 'matplotlib' else 'peers'}]" in line
+
+
+# -- accuracy cards ----------------------------------------------------------------------------------------------------
+
+CARD_IDS = ["fluidgym/DamBreakContain2D-v0", "fluidgym/DamBreakContain3D-v0"]
+
+
+@pytest.fixture
+def coarse_envs(monkeypatch):
+    """Environments as coarse as can be, and the cases that stand for them as short."""
+    monkeypatch.setattr(accuracy_card, "STEPS", 1)
+    monkeypatch.setattr(accuracy_card, "REPEATS", 1)
+    # In 3D as wide as the widest kernel there may be.
+    coarse = {2: dict.fromkeys(FIDELITIES, 8), 3: dict.fromkeys(FIDELITIES, 12)}
+    monkeypatch.setattr(DamBreakContain, "resolutions", coarse)
+    for name in ("dam-break", "dam-break-3d"):
+        case = CASES[name]
+        changes = {"times": case.times[:1], "errors": lambda times, records, scene: {"front": scene.particle_spacing}}
+        monkeypatch.setitem(CASES, name, dataclasses.replace(case, **changes))
+
+
+def test_cards_of_all_environments_are_a_table_a_file_and_a_page(coarse_envs, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["card", "--device", "cpu", "--json", "out.json", "--markdown", "page.md"]) == 0
+    machine, *cards = json.loads(Path("out.json").read_text())
+    assert machine["machine"]["threads"] == "1"
+    assert [(card["env_id"], card["fidelity"]) for card in cards] == [
+        (i, name) for i in CARD_IDS for name in FIDELITIES
+    ]
+    assert all(card["order"]["front"] == pytest.approx(1.0) for card in cards)
+    printed = capsys.readouterr().out.splitlines()
+    assert printed[0].startswith("device CPU")
+    assert sum(line.startswith("DamBreakContain") for line in printed) == 6
+    page = Path("page.md").read_text()
+    assert "```bash\npython -m fluidgym card --device cpu --markdown page.md\n```" in page
+    assert all(f"## {env_id}" in page for env_id in CARD_IDS)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out.json", "page.md"]
+
+
+@pytest.mark.parametrize("name", [CARD_IDS[0], f"fluidgym:{CARD_IDS[0]}", "DamBreakContain2D-v0"])
+def test_a_card_may_be_of_one_environment_at_one_fidelity(name, coarse_envs, tmp_path, capsys):
+    page = tmp_path / "page.md"
+    assert main(["card", name, "--fidelity", "fast", "--device", "cpu", "--markdown", str(page)]) == 0
+    (row,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("DamBreakContain")]
+    assert row.split()[:2] == ["DamBreakContain2D-v0", "fast"]
+    # The folder is no one else's.
+    assert f"python -m fluidgym card {name} --fidelity fast --device cpu --markdown page.md\n" in page.read_text()
+
+
+def test_an_interrupt_keeps_the_cards_that_are_finished(coarse_envs, tmp_path, monkeypatch, capsys):
+    case = CASES["dam-break-3d"]
+
+    def observe(solver):
+        raise KeyboardInterrupt
+
+    monkeypatch.setitem(CASES, "dam-break-3d", dataclasses.replace(case, observe=observe))
+    out, page = tmp_path / "out.json", tmp_path / "page.md"
+    options = ["--fidelity", "fast", "--device", "cpu", "--json", str(out), "--markdown", str(page)]
+    assert main(["card", *options]) == 130
+    assert [card["env_id"] for card in json.loads(out.read_text())[1:]] == CARD_IDS[:1]
+    assert f"## {CARD_IDS[0]}" in page.read_text()
+    assert "interrupted after 1 of 2 cards" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["Tsunami-v0"], ["unknown environment Tsunami-v0", *CARD_IDS]),
+        (["CartPole-v1"], ["unknown environment CartPole-v1"]),
+        (["--fidelity", "fast", "best"], ["--fidelity best", "fast, balanced, accurate"]),
+        (["--device", "abacus"], ["abacus", "cpu"]),
+        (["--json", "no/such/folder/out.json"], ["--json", "no such folder"]),
+        (["--markdown", "no/such/folder/page.md"], ["--markdown", "no such folder"]),
+        (["--markdown", "."], ["--markdown", "is a folder"]),
+    ],
+)
+def test_cards_that_cannot_be_made_are_refused_in_one_line(arguments, said, capsys):
+    assert main(["card", *arguments]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert len(printed.err.splitlines()) == 1
+    assert all(word in printed.err for word in said)
+
+
+def test_an_environment_that_cannot_be_made_is_refused_in_one_line(coarse_envs, monkeypatch, capsys):
+    monkeypatch.setattr(DamBreakContain, "resolutions", {2: dict.fromkeys(FIDELITIES, 7)})
+    assert main(["card", CARD_IDS[0], "--fidelity", "fast", "--device", "cpu"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"fluidgym: {CARD_IDS[0]} fast: resolution = 7")
 
 
 def test_json_is_written_whole_or_not_at_all(tmp_path):
@@ -503,6 +595,15 @@ def read_vtu(path):
     return arrays
 
 
+@pytest.mark.parametrize("name", FIDELITIES)
+def test_a_fidelity_stands_in_for_that_of_the_file(name, small, tmp_path):
+    small.write_text(SMALL + "[scheme]\nfidelity = 'fast'\n")
+    out = tmp_path / "out"
+    options = ["--out", str(out), "--film", "none", "--duration", "0.01", "--device", "cpu"]
+    assert main(["run", str(small), *options, "--fidelity", name]) == 0
+    assert load(out / "as_run.toml").scheme == FIDELITIES[name]
+
+
 def test_an_earlier_run_leaves_nothing_in_the_next(small, tmp_path):
     out = tmp_path / "out"
     options = ["--out", str(out), "--film", "none", "--frames", "--vtk", "--device", "cpu"]
@@ -554,7 +655,8 @@ def test_a_run_interrupted_at_once_says_so(small, tmp_path, monkeypatch, capsys)
 def test_a_run_that_breaks_down_ends_with_what_there_is(small, tmp_path, capsys):
     small.write_text(
         SMALL.replace("duration = 0.2", "duration = 20")
-        + "[scheme]\nintegrator = 'explicit-euler'\ndensity_diffusion = 0\nartificial_viscosity = 0"
+        + "[scheme]\nintegrator = 'explicit-euler'\ndensity_diffusion = 0\nartificial_viscosity = 0\n"
+        + "acoustic_damping = 0"
     )
     out = tmp_path / "out"
     assert main(["run", str(small), "--out", str(out), "--film", "none", "--device", "cpu"]) == 1
@@ -584,6 +686,7 @@ def test_a_control_beyond_the_solver_ends_a_run_with_what_there_is(small, tmp_pa
         (["small.toml", "--duration", "-1"], ["duration = -1 s"]),
         (["small.toml", "--duration", "inf"], ["duration = inf"]),
         (["small.toml", "--spacing", "7"], ["small.toml", "particle_spacing = 7 m"]),
+        (["small.toml", "--fidelity", "best"], ["--fidelity best", "fast, balanced, accurate"]),
         (["small.toml", "--fps", "500"], ["frames_per_second = 500", "1 to 50"]),
         (["small.toml", "--save-every", "0"], ["0 s", "above 0"]),
         (["small.toml", "--save-every", "1e-9"], ["1e-09 s", "limit 100000", "or more"]),

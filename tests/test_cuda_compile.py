@@ -57,7 +57,11 @@ def build():
         still = dict.fromkeys(face_names(dim), OPEN)
         bare = Scene((0.0,) * dim, (1.0,) * dim, 0.1, block, still, gravity=0.0, reference_speed=1.0)
         Solver(rich, Scheme(state_equation=TAIT), device="cpu")
-        Solver(bare, Scheme(density_diffusion=0.0, artificial_viscosity=0.0), device="cpu")
+        Solver(bare, Scheme(density_diffusion=0.0, artificial_viscosity=0.0, acoustic_damping=0.0), device="cpu")
+        Solver(bare, Scheme(acoustic_damping=0.0), device="cpu")
+        later = Solver(rich, Scheme(density_diffusion=0.0), device="cpu")
+        later.set_parameters(density_diffusion=0.1)
+        later.step()
         middle = (0.7,) * dim
         full = Scene(
             (0.0,) * dim,
@@ -87,6 +91,9 @@ def build():
         if dim == 2:
             Solver(full, device="cpu", plain_loops=True)
         Solver(bare, Scheme(walls=FrozenWalls(), integrator=EXPLICIT_EULER), device="cpu")
+        sides = {"x_min": PERIODIC, "x_max": PERIODIC, "y_min": Face(slip="no")}
+        sealed = Scene((0.0,) * dim, (1.0,) * dim, 0.1, Fluid(Box((0.0,) * dim, (1.0,) * dim)), sides)
+        Solver(sealed, device="cpu").step()  # it is full, and shifted
         tank = Scene((0.0,) * dim, (1.0,) * dim, 0.1, block, material=Material(viscosity=1e-3))
         for scheme in (MUELLER, Scheme(walls=ClampWalls()), Scheme(walls=FrozenWalls())):
             Solver(tank, scheme, device="cpu", report_forces=True)

@@ -77,7 +77,7 @@ def test_second_moments_of_a_disc_are_a_quarter_of_its_radius_squared():
 
 
 def test_an_elastic_drop_keeps_its_energy_and_momentum():
-    # Neither viscosity nor diffusion: what the kinetic energy gives up must lie in compression.
+    # Neither viscosity, nor diffusion, nor damping: what the kinetic energy gives up must lie in compression.
     drop = Scene(
         (-2.0, -3.0),
         (2.0, 3.0),
@@ -87,7 +87,7 @@ def test_an_elastic_drop_keeps_its_energy_and_momentum():
         gravity=0.0,
         material=Material(sound_speed=10.0),
     )
-    solver = Solver(drop, Scheme(artificial_viscosity=0.0, density_diffusion=0.0), device="cpu")
+    solver = Solver(drop, Scheme(artificial_viscosity=0.0, density_diffusion=0.0, acoustic_damping=0.0), device="cpu")
     start = diagnostics.measure(solver)
     least = start.kinetic_energy
     for _ in range(20):
@@ -127,14 +127,14 @@ def test_particles_that_leave_are_counted():
         (1.0, 1.0),
         0.1,
         Fluid(Box((0.0, 0.0), (1.0, 1.0)), velocity=(1.0, 0.0)),
-        faces={"x_max": OPEN},
+        faces={"x_min": OPEN, "x_max": OPEN},  # nothing holds it back
         gravity=0.0,
     )
     solver = Solver(flying, num_worlds=2, device="cpu")
     assert diagnostics.retired_particles(solver) == 0
     solver.advance(0.4)
     found = diagnostics.measure(solver)
-    assert 30 <= found.retired <= 50
+    assert found.retired == 40
     assert found.particles == 100 - found.retired
     assert found.mass == pytest.approx(10.0 * found.particles)
     solver.reset(np.array([True, False]))

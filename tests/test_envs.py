@@ -18,10 +18,12 @@ from gymnasium.wrappers import RecordVideo
 from gymnasium.wrappers.vector import NormalizeObservation, RecordEpisodeStatistics
 
 import fluidgym
-from fluidgym.envs import FluidEnv, FluidVectorEnv, make_task, rewards
+from fluidgym.envs import TASKS, FluidEnv, FluidVectorEnv, make_task, rewards
 from fluidgym.envs.actuators import DrivenWall
 from fluidgym.envs.tasks import dam_break_contain
 from fluidgym.envs.tasks.dam_break_contain import close_in
+from fluidgym.scheme import DEFAULT_SCHEME, FIDELITIES, Scheme
+from fluidgym.validation import CASES
 
 IDS = ["fluidgym/DamBreakContain2D-v0", "fluidgym/DamBreakContain3D-v0"]
 ID = IDS[0]
@@ -351,6 +353,70 @@ def test_starts_vary_as_much_as_asked():
     assert np.abs(lattice - np.round(lattice)).max() < 1e-9
 
 
+# -- fidelity ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("fidelity", FIDELITIES)
+@pytest.mark.parametrize("env_id", IDS)
+def test_a_fidelity_is_a_scheme_and_a_resolution(env_id, fidelity):
+    env = gym.make(env_id, fidelity=fidelity, device="cpu").unwrapped
+    dim, task = env.task.scene.dim, env.task
+    assert (task.fidelity, task.scheme) == (fidelity, FIDELITIES[fidelity])
+    assert task.resolution == task.resolutions[dim][fidelity]
+    assert task.spacing == dam_break_contain.HEIGHT / task.resolution
+    assert env.solver.scheme == FIDELITIES[fidelity]
+    assert env.solver.scene.particle_spacing == task.spacing
+    env.close()
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_every_task_has_a_resolution_for_each_fidelity_and_a_case_that_stands_for_it(name):
+    for dim, resolutions in type(make_task(name)).resolutions.items():
+        task = make_task(name, dim=dim)
+        assert (task.fidelity, task.scheme) == ("balanced", DEFAULT_SCHEME)
+        assert list(resolutions) == list(FIDELITIES)
+        assert sorted(resolutions.values()) == list(resolutions.values())
+        assert dim in CASES[task.gates[dim].case].resolutions
+
+
+def test_the_gates_of_the_dam_break_have_its_column_and_its_tank():
+    """They count particles over the same length, so the scale is 1."""
+    for dim in (2, 3):
+        task = make_task("DamBreakContain", dim=dim, variation=0.0)
+        gate = task.gates[dim]
+        case = CASES[gate.case].scene(round(gate.scale * task.resolution), dim)
+        over = [scene.particle_spacing for scene in (task.scene, case)]
+        columns = [np.ptp(scene.sample().position, axis=0) for scene in (task.scene, case)]
+        assert columns[0] / over[0] == pytest.approx(columns[1] / over[1])
+        assert task.scene.upper[0] / over[0] == pytest.approx(case.upper[0] / over[1], rel=1e-3)
+
+
+def test_without_a_fidelity_an_env_is_the_balanced_one_bit_for_bit():
+    actions = actions_for((1,), steps=5)
+    left_out = roll_out(gym.make(ID, device="cpu"), actions, seed=3)
+    usual = dam_break_contain.DamBreakContain.resolutions[2]["balanced"]
+    for options in ({"fidelity": "balanced"}, {"scheme": DEFAULT_SCHEME, "resolution": usual}):
+        for a, b in zip(left_out, roll_out(gym.make(ID, device="cpu", **options), actions, seed=3), strict=True):
+            assert same(a[0], b[0])
+            assert same(a[-1], b[-1])
+
+
+def test_make_vec_takes_a_fidelity_and_is_the_single_env_bit_for_bit():
+    actions = actions_for((2, 1), steps=4)
+    many = roll_out(gym.make_vec(ID, num_envs=2, fidelity="accurate", **SMALL), actions, seed=3)
+    single = roll_out(gym.make(ID, fidelity="accurate", **SMALL), actions[:, 1], seed=4)
+    for a, b in zip(many, single, strict=True):
+        assert (a[0][1] == b[0]).all()
+
+
+def test_resolution_and_scheme_stand_in_for_those_of_a_fidelity():
+    task = make_task("DamBreakContain", fidelity="fast", resolution=9)
+    assert (task.fidelity, task.scheme, task.resolution) == ("fast", FIDELITIES["fast"], 9)
+    own = Scheme(courant=0.5)
+    task = make_task("DamBreakContain", scheme=own)
+    assert (task.fidelity, task.scheme, task.resolution) == (None, own, task.resolutions[2]["balanced"])
+
+
 # -- the wall ----------------------------------------------------------------------------------------------------
 
 
@@ -514,7 +580,14 @@ def test_bad_actions_of_a_vector_env_are_refused_and_named():
         ({"dim": [2]}, "dim = [2] is unknown; use 2 or 3"),
         ({"depth": 1.0}, "depth = 1.0 is for 3D only; leave it out in 2D"),
         ({"dim": 3, "depth": 2.0}, "depth = 2.0 is outside 0.1 to 1; use 0.5"),
-        ({"scheme": None}, "scheme = None is not a Scheme; give fluidgym.Scheme(...)"),
+        ({"scheme": "fast"}, "scheme = 'fast' is not a Scheme; give fluidgym.Scheme(...)"),
+        ({"fidelity": "best"}, "fidelity = 'best' is unknown; use 'fast', 'balanced' or 'accurate'"),
+        ({"fidelity": 2}, "fidelity = 2 is unknown; use 'fast', 'balanced' or 'accurate'"),
+        ({"fidelity": ["fast"]}, "fidelity = ['fast'] is unknown; use 'fast', 'balanced' or 'accurate'"),
+        (
+            {"fidelity": "balanced", "scheme": Scheme()},
+            "fidelity = 'balanced' has a scheme, and another is given, limit one; leave one out",
+        ),
         ({"weights": [0.1]}, "weights = [0.1] is not a mapping; give one, such as {'effort': 0.05"),
         ({"max_wall_speed": 0.0}, "max_wall_speed = 0.0 m/s must be finite and above 0"),
         ({"max_wall_speed": "a"}, "max_wall_speed = 'a' m/s must be finite and above 0"),

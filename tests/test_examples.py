@@ -13,7 +13,7 @@ EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 
 RUNS = {
     "ancestors.py": ["--device", "cpu", "--quick"],
-    "dam_break.py": ["--device", "cpu", "--resolution", "20", "--seconds", "0.8"],
+    "dam_break.py": ["--device", "cpu", "--resolution", "24", "--seconds", "0.8"],
     "many_worlds.py": ["--device", "cpu", "--worlds", "4", "--steps", "10", "--resolution", "12"],
     "script_the_solver.py": ["--device", "cpu", "--resolution", "12"],
 }

@@ -55,6 +55,56 @@ def test_viscosity_that_was_left_out_is_compiled_in_when_it_is_wanted(device):
     assert solver._kernels.kick is without  # kept from before
 
 
+def splash(jitter=0.25):
+    """Uneven water with a free surface, so that neither diffusion nor damping has nothing to do."""
+    water = [Fluid(Box((0.0, 0.0), (0.5, 0.6)), pressure="hydrostatic")]
+    return Scene(**BOX, fluid=water, jitter=jitter, reference_speed=3.5)
+
+
+@pytest.mark.parametrize("name", ["density_diffusion", "acoustic_damping"])
+def test_diffusion_and_damping_that_were_left_out_work_when_they_are_wanted(name, device):
+    value = {"density_diffusion": 0.1, "acoustic_damping": 0.5}[name]
+    without, with_it = Scheme(**{name: 0.0}), Scheme(**{name: value})
+    solver, never = (Solver(splash(), without, num_worlds=2, device=device) for _ in range(2))
+    for each in (solver, never):
+        each.step(20, 0.001)
+    solver.set_parameters(**{name: value})
+    saved, other = solver.save(), Solver(splash(), with_it, num_worlds=2, device=device)
+    assert solver.max_step == other.max_step
+    assert solver._structure == other._structure
+    other.restore(saved)
+    late = Solver(splash(), without, num_worlds=2, device=device)
+    late.restore(saved)  # takes the parameter with it
+    for each in (solver, never, other, late):
+        each.step(20, 0.001)
+    expected, found = solver.save(), [each.save() for each in (never, other, late)]
+    n = 2 * solver.capacity
+    for key in ("position", "velocity", "density_error", "acceleration", "identity"):
+        for same in found[1:]:
+            np.testing.assert_array_equal(same[key][..., :n], expected[key][..., :n], err_msg=key)
+    assert np.abs(found[0]["density_error"][:n] - expected["density_error"][:n]).max() > 1e-5
+    solver.set_parameters(**{name: 0.0})
+    assert solver._structure == never._structure
+    assert solver.max_step == never.max_step
+    solver.step(5)
+
+
+def test_a_world_without_diffusion_or_damping_beside_one_with_them_has_none(device):
+    off = {"density_diffusion": 0.0, "acoustic_damping": 0.0}
+    solver = Solver(splash(), num_worlds=2, device=device)
+    solver.set_parameters(
+        **{name: [0.0, value] for name, value in (("density_diffusion", 0.1), ("acoustic_damping", 0.5))}
+    )
+    alone = Solver(splash(), Scheme(**off), device=device)
+    for each in (solver, alone):
+        each.step(20, 0.001)
+    scale = np.abs(alone.particles().density / 1000.0 - 1.0).max()
+    difference = [
+        np.abs(solver.particles(world).density - alone.particles().density).max() / 1000.0 for world in (0, 1)
+    ]
+    assert difference[0] < 1e-4 * scale < 0.01 * difference[1]
+
+
 def test_pressure_outlives_a_change_of_the_sound_speed(device):
     tank = Scene(**BOX, fluid=[Fluid(Box((0.0, 0.0), (1.0, 0.5)), pressure="hydrostatic")])
     solver = Solver(tank, num_worlds=2, device=device)

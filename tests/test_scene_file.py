@@ -14,8 +14,8 @@ from fluidgym import scene_file
 from fluidgym.experiment import Experiment, Keyframes, Sine, Steps, View
 from fluidgym.parts import Body, Face, Fluid, Inflow, Material, Outflow
 from fluidgym.scene import OPEN, Ball, Box, Region, Scene
-from fluidgym.scene_file import dumps, load, loads, save
-from fluidgym.scheme import MUELLER, Scheme
+from fluidgym.scene_file import dumps, load, load_scheme, loads, save
+from fluidgym.scheme import DEFAULT_SCHEME, FIDELITIES, MUELLER, Scheme
 from fluidgym.sph.constants import Constants
 from fluidgym.sph.integrators import EXPLICIT_EULER, LEAPFROG
 from fluidgym.sph.smoothing import CUBIC_SPLINE, WENDLAND_C4
@@ -98,6 +98,7 @@ direction = "+x"
 pressure = 100.0
 
 [scheme]
+fidelity = "accurate"
 kernel = "wendland-c4"
 smoothing_ratio = 1.4
 state_equation = "tait"
@@ -105,6 +106,9 @@ gamma = 5
 tension = false
 density_diffusion = 0.2
 artificial_viscosity = 0.02
+acoustic_damping = 0.4
+sound_speed_ratio = 12.0
+shifting = 0.5
 viscosity = "monaghan"
 integrator = "leapfrog"
 walls = {kind = "penalty", stiffness = 0.4, margin = 0.9}
@@ -190,6 +194,9 @@ FULL_EXPERIMENT = Experiment(
         tension=False,
         density_diffusion=0.2,
         artificial_viscosity=0.02,
+        acoustic_damping=0.4,
+        sound_speed_ratio=12.0,
+        shifting=0.5,
         viscosity=VISCOSITY_MONAGHAN,
         integrator=LEAPFROG,
         walls=PenaltyWalls(0.4, 0.9),
@@ -250,6 +257,43 @@ def test_an_example_is_the_same_after_writing_and_reading(path):
 def test_any_scheme_of_named_parts_is_the_same_after_writing_and_reading(scheme):
     experiment = replace(loads(SMALLEST), scheme=scheme)
     assert loads(dumps(experiment)).scheme == scheme
+
+
+@pytest.mark.parametrize("name", FIDELITIES)
+def test_a_fidelity_is_a_scheme_by_its_name_and_stays_one_after_writing(name, tmp_path):
+    experiment = loads(SMALLEST + f"[scheme]\nfidelity = '{name}'")
+    assert experiment.scheme == FIDELITIES[name]
+    assert experiment == loads(f"scheme.fidelity = '{name}'" + SMALLEST)
+    save(experiment, tmp_path / "saved.toml")
+    assert load(tmp_path / "saved.toml") == experiment
+    written = (tmp_path / "saved.toml").read_text()
+    if experiment.scheme == DEFAULT_SCHEME:
+        assert "scheme" not in written
+    else:
+        assert f'[scheme]\nfidelity = "{name}"\n' in written
+        assert load_scheme(tmp_path / "saved.toml") == FIDELITIES[name]
+
+
+def test_keys_beside_a_fidelity_stand_in_for_single_fields_of_it(monkeypatch):
+    monkeypatch.setitem(FIDELITIES, "fast", Scheme(courant=0.9, gamma=5.0))
+    text = SMALLEST + "[scheme]\nfidelity = 'fast'\ngamma = 3\nkernel = 'wendland-c4'"
+    experiment = loads(text)
+    assert experiment.scheme == Scheme(courant=0.9, gamma=3.0, kernel=WENDLAND_C4)
+    assert loads(dumps(experiment)) == experiment
+    # What a preset takes for itself is not that of the fidelity.
+    experiment = loads(SMALLEST + "[scheme]\nfidelity = 'fast'\npreset = 'mueller'")
+    assert experiment.scheme == Scheme(courant=0.9, gamma=5.0, preset="mueller")
+
+
+def test_a_fidelity_can_stand_in_for_that_of_the_file(monkeypatch):
+    monkeypatch.setitem(FIDELITIES, "accurate", Scheme(courant=0.8, gamma=5.0))
+    assert loads(SMALLEST, fidelity="accurate").scheme == FIDELITIES["accurate"]
+    text = SMALLEST + "[scheme]\nfidelity = 'fast'\ngamma = 3"
+    assert loads(text, fidelity="accurate").scheme == Scheme(courant=0.8, gamma=3.0)
+    with pytest.raises(ValueError, match=r'^scene file: scheme\.fidelity = "best" is unknown; .*"accurate"$'):
+        loads(text, fidelity="best")
+    with pytest.raises(ValueError, match=r"^scene file: scheme = 3 is not a table"):
+        loads("scheme = 3" + SMALLEST, fidelity="fast")
 
 
 def test_everything_is_the_same_after_writing_and_reading(tmp_path):
@@ -383,6 +427,13 @@ GATE = "[bodies.gate]\nshape = {ball = {center = [1.5, 0.5], radius = 0.2}}\n"
             SMALLEST + "[scheme]\nwalls = {kind = 'clamp', stiffness = 1}",
             ["scheme.walls.stiffness is unknown", "damping"],
         ),
+        (
+            SMALLEST + "[scheme]\nfidelity = 'acurate'",
+            ["scheme.fidelity", 'did you mean "accurate"?', '"fast", "balanced"'],
+        ),
+        (SMALLEST + "[scheme]\nfidelity = 3", ["scheme.fidelity = 3", '"fast", "balanced", "accurate"']),
+        (SMALLEST + "[scheme]\nfidelty = 'fast'", ["scheme.fidelty is unknown", "did you mean fidelity?"]),
+        ("fidelity = 'fast'" + SMALLEST, ["fidelity is unknown", "belongs to the table [scheme]"]),
         (SMALLEST + "[[motion]]\ntarget = 'gravity'\nkind = 'sin'", ["motion[0].kind", 'did you mean "sine"?']),
         # Shapes.
         (SMALLEST + "[bodies.gate]\nshape = {bal = [[1, 1], 0.1]}", ["bodies.gate.shape", 'did you mean "ball"?']),

@@ -20,7 +20,9 @@ BASE = Scene(
     {"x_max": OPEN},
     reference_speed=3.0,
 )
-BARE = Scheme(artificial_viscosity=0.0, density_diffusion=0.0)
+FULL = Scene((0.0, 0.0), (1.0, 1.0), 0.05, [Fluid(Box((0.0, 0.0), (1.0, 1.0)))], reference_speed=3.0)
+BARE = Scheme(artificial_viscosity=0.0, density_diffusion=0.0, acoustic_damping=0.0)
+DIFFUSIVE = dataclasses.replace(BARE, density_diffusion=0.1)
 
 
 def scene(**changes):
@@ -39,8 +41,25 @@ JET = {"jet": Inflow((0.0, 0.8), (1.0, 0.0), 0.1, 1.0)}
 # What is on, and words of the generated source that only it brings: {kernel: words}.
 FEATURES = {
     "viscosity": (scene(material=Material(viscosity=1e-3)), BARE, {"kick": ["viscosity_morris", "float d ="]}),
-    "artificial viscosity": (BASE, Scheme(density_diffusion=0.0), {"kick": ["artificial_viscosity_"]}),
-    "density diffusion": (BASE, Scheme(artificial_viscosity=0.0), {"advance_density": ["density_diffusion_"]}),
+    "artificial viscosity": (
+        BASE,
+        dataclasses.replace(BARE, artificial_viscosity=0.1),
+        {"kick": ["artificial_viscosity_"]},
+    ),
+    "density diffusion": (
+        BASE,
+        DIFFUSIVE,
+        {
+            "advance_density": ["density_diffusion_", "halved", "pl0[j]", "address(var_acceleration"],
+            "gather": ["array_store(var_acceleration_out"],
+        },
+    ),
+    "density diffusion of a full box": (FULL, DIFFUSIVE, {"advance_density": ["density_diffusion_"]}),
+    "acoustic damping": (
+        BASE,
+        dataclasses.replace(BARE, acoustic_damping=0.5),
+        {"advance_density": [").damping"]},
+    ),
     "no-slip wall": (scene(faces={"y_min": NO_SLIP_WALL, "x_max": OPEN}), BARE, {"kick": ["S1 * x1"]}),
     "body": (
         scene(bodies=SHEET),
@@ -61,6 +80,7 @@ FEATURES = {
     "penalty walls": (BASE, dataclasses.replace(BARE, walls=MUELLER.walls), {"kick": [").wall_stiffness"]}),
     "clamping walls": (BASE, dataclasses.replace(BARE, walls=ClampWalls()), {"drift": [").wall_damping"]}),
     "frozen walls": (BASE, dataclasses.replace(BARE, walls=FrozenWalls()), {"kick": ["near_bare"]}),
+    "shifting": (FULL, BARE, {"advance_density": [").level"]}),
     "mueller": (BASE, MUELLER, {"advance_density": ["poly6"], "kick": ["spiky"]}),
     "explicit Euler": (BASE, dataclasses.replace(BARE, integrator=EXPLICIT_EULER), {}),
     "periodic faces": (
@@ -77,7 +97,7 @@ def sources(index, folder):
     what, scheme = (BASE, BARE) if index is None else FEATURES[index][:2]
     solver = Solver(what, scheme, device="cpu")
     found = {}
-    for name, kernel in vars(solver._kernels).items():
+    for name, kernel in (vars(solver._kernels) | {"gather": solver._gather}).items():
         if kernel is None:
             continue
         place = folder / f"{index}" / name
@@ -102,6 +122,13 @@ def test_only_a_scene_with_a_feature_has_code_for_it(feature, folder):
         for word in words:
             assert word in with_it[kernel], f"{word} in {kernel}"
             assert word not in base[kernel], f"{word} in {kernel} of the base scene"
+
+
+def test_a_full_box_leans_on_no_accelerations(folder):
+    full, words = sources("density diffusion of a full box", folder), FEATURES["density diffusion"][2]
+    for kernel in words:
+        for word in words[kernel]:
+            assert (word in full[kernel]) == (word == "density_diffusion_"), f"{word} in {kernel}"
 
 
 def test_two_dimensions_pay_nothing_for_the_third_and_walls_nothing_for_openings(folder):
@@ -130,6 +157,8 @@ def test_a_step_launches_what_the_scene_has():
     assert launches(scene(inflows=JET)) == [*base, "emit"]
     assert launches(warm()) == [*base, "conduct"]
     assert launches(scene(bodies=SHEET)) == base  # it stands still
+    assert launches(FULL) == [*base, "add_up_gain", "shift"]
+    assert launches(FULL, dataclasses.replace(BARE, shifting=0.0)) == base
     moving = {"sheet": dataclasses.replace(SHEET["sheet"], moving=True)}
     assert launches(scene(bodies=moving)) == ["advance_driven", *base]
     assert launches(scene(faces={"x_min": Face(moving=True), "x_max": OPEN})) == ["advance_driven", *base]
@@ -156,7 +185,7 @@ def arrays(solver):
 def test_what_a_scene_lacks_has_no_array():
     base = arrays(Solver(BASE, BARE, device="cpu"))
     absent = [name for name, size in base.items() if size == 0]
-    for word in ("bodies", "_nozzles", "_drains", "_frozen", "ledger", "temperature", "forces"):
+    for word in ("bodies", "_nozzles", "_drains", "_frozen", "ledger", "temperature", "forces", "gain"):
         of_it = [name for name in base if word in name]
         assert of_it, word
         assert all(name in absent or name.startswith(("state.faces",)) for name in of_it), word
@@ -172,5 +201,17 @@ def test_what_a_scene_lacks_has_no_array():
             report_forces=True,
         )
     )
-    missing = [name for name, size in full.items() if size == 0 and not name.startswith("state.sorted.acceleration")]
+    nowhere = ("state.sorted.acceleration", "state.gain")
+    missing = [name for name, size in full.items() if size == 0 and not name.startswith(nowhere)]
     assert not missing
+    # The accelerations are sorted where the diffusion of density leans on them, and nowhere else.
+    leaning = {name: size - base[name] for name, size in arrays(Solver(BASE, DIFFUSIVE, device="cpu")).items()}
+    size = base["state.sorted.velocity"]
+    assert {name: more for name, more in leaning.items() if more} == {"state.sorted.acceleration": size}
+    damped = arrays(Solver(BASE, dataclasses.replace(BARE, acoustic_damping=0.5), device="cpu"))
+    assert damped == base
+    assert arrays(Solver(FULL, DIFFUSIVE, device="cpu"))["state.sorted.acceleration"] == 0
+    shifted, plain = (
+        arrays(Solver(FULL, dataclasses.replace(BARE, shifting=shifting), device="cpu")) for shifting in (1.0, 0.0)
+    )
+    assert {name: size - plain[name] for name, size in shifted.items() if size != plain[name]} == {"state.gain": 1}

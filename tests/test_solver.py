@@ -14,6 +14,7 @@ G = 9.81
 DX = 0.05
 OPEN_FACES = dict.fromkeys(face_names(2), OPEN)
 PERIODIC_FACES = dict.fromkeys(face_names(2), PERIODIC)
+UNSHIFTED = Scheme(shifting=0.0)  # the level of pressure that goes with shifting pushes by what sums are rounded off
 KEPT = ("position", "velocity", "density_error", "acceleration", "identity")
 
 
@@ -75,7 +76,7 @@ def lattice(velocity=(0.0, 0.0), pressure="none", shift=0.0):
 
 def test_lattice_at_rest_stays_at_rest_exactly(device):
     scene, _ = lattice()
-    solver = Solver(scene, device=device)
+    solver = Solver(scene, UNSHIFTED, device=device)
     before = solver.particles()
     solver.step(100)
     after = solver.particles()
@@ -97,7 +98,7 @@ def test_lattice_under_even_pressure_stays_at_rest(device):
 
 def test_lattice_in_rigid_motion_is_not_disturbed(device):
     scene, _ = lattice(velocity=(0.75, -0.5))
-    solver = Solver(scene, device=device)
+    solver = Solver(scene, UNSHIFTED, device=device)
     before = solver.particles()
     solver.step(200)
     after = solver.particles()
@@ -167,7 +168,8 @@ def test_still_water_stays_still(dim):
         assert np.sqrt((water.velocity**2).sum(axis=1).mean()) < 1e-3 * wave
         error = water.pressure - 1000.0 * G * (0.5 - water.position[:, -1])
         assert np.sqrt((error**2).mean()) < 0.03 * 1000.0 * G * 0.5
-        assert np.abs(water.position - scene.sample().position).max() < 0.05 * DX
+        h = solver.scheme.smoothing_length(DX, dim)
+        assert np.abs(water.position - scene.sample().position).max() < 0.04 * h  # the surface finds its place
     assert solver.state.clamped.numpy()[0] == 0
 
 
@@ -257,7 +259,8 @@ def test_dam_break_to_the_left_mirrors_that_to_the_right():
     water, image = right.particles(), left.particles()
     assert water.position[:, 0].max() > 0.6
     np.testing.assert_allclose(image.position[partner] * [-1.0, 1.0] + [2.0, 0.0], water.position, atol=2e-5)
-    np.testing.assert_allclose(image.velocity[partner] * [-1.0, 1.0], water.velocity, atol=2e-4)
+    rounding = 1e-4 * 2.0 * np.sqrt(G * 0.8)  # it grows, as the flow is all but inviscid
+    np.testing.assert_allclose(image.velocity[partner] * [-1.0, 1.0], water.velocity, atol=rounding)
     np.testing.assert_allclose(image.density[partner], water.density, rtol=1e-5)
 
 
@@ -481,8 +484,9 @@ def test_face_can_be_asked_for_by_name():
 
 def test_material_sets_the_step():
     calm, viscous = (Solver(dam_break(material=Material(viscosity=nu)), device="cpu") for nu in (0.0, 1.0))
-    h = 1.5 * DX
-    assert calm.max_step == pytest.approx(h / (11.0 * np.sqrt(G * 0.8)))
+    h, u = 2.0 * DX, np.sqrt(G * 0.8)
+    damped = (np.sqrt(0.5**2 + 1.5**2) - 0.5) / 1.5  # of the step that sound leaves
+    assert calm.max_step == pytest.approx(h / (10.0 * u / damped + u))
     assert viscous.max_step == pytest.approx(0.125 * h * h / 1.0)  # more than alpha asks for: none is added
 
 
@@ -551,7 +555,7 @@ def test_box_narrower_than_the_support_is_refused():
     with pytest.raises(ValueError) as error:
         Solver(slit, device="cpu")
     assert str(error.value) == (
-        "Scene box is 0.1 m along x, below the smoothing support 0.15 m;"
+        "Scene box is 0.1 m along x, below the smoothing support 0.2 m;"
         " use a wider box or a smaller Scene.particle_spacing"
     )
 

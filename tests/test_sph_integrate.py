@@ -51,7 +51,8 @@ def sound_wave(dt_share):
         gravity=0.0,
         material=Material(sound_speed=5.0),
     )
-    solver = Solver(scene, Scheme(density_diffusion=0.0, artificial_viscosity=0.0), device="cpu")
+    dissipation = dict.fromkeys(("density_diffusion", "artificial_viscosity", "acoustic_damping", "shifting"), 0.0)
+    solver = Solver(scene, Scheme(smoothing_ratio=1.5, **dissipation), device="cpu")
     solver.step(round(20 / dt_share), dt_share * 0.8 * solver.max_step)
     return solver.particles().position.astype(float)
 

@@ -19,7 +19,7 @@ from fluidgym.sph.wall_models import ClampWalls, FrozenWalls, PenaltyWalls
 
 DX = 0.125
 GAMMA = 7.0
-DELTA, ALPHA = 0.1, 0.01  # of the delta preset
+DELTA, ALPHA, DAMPING = 0.1, 0.0005, 0.5  # of the delta preset
 
 
 # -- the reference ---------------------------------------------------------------------------------------------------
@@ -161,24 +161,47 @@ class DeltaReference(Reference):
         at_zero = kernel(np.zeros(1), self.h, self.dim, derivative=2)[0]
         return np.where(r > 0.0, kernel(r, self.h, self.dim, derivative=1) / safe, at_zero)
 
-    def density_rate(self, now):
-        """ds/dt. What gravity makes of s between two particles is no reason to diffuse."""
-        rate = np.zeros(len(now.x))
+    def density_sweep(self, now):
+        """ds/dt, and the company of each particle: all of it over that of a lattice, and that of other particles.
+
+        What the fluid's weight and its accelerations make of s between two particles is no reason to diffuse. A box
+        full of fluid has the weight alone.
+        """
+        rate, company = np.zeros(len(now.x)), []
+        leans = any(face.kind == "open" for face in self.scene.faces.values())
         for inside, (x, r, u) in ((True, pairs(now)), (False, pairs(now, self.around()))):
             rate += self.V * (self.slope(r) * (x * u).sum(axis=2)).sum(axis=1)
+            company.append(-self.V * self.h**2 * (self.slope(r) * (r > 0.0)).sum(axis=1))
             if inside:
-                excess = now.s[:, None] - now.s[None] - x @ self.g / self.c_0**2
+                steepness = self.g - (0.5 * (now.a[:, None] + now.a[None]) if leans else 0.0)
+                excess = now.s[:, None] - now.s[None] - (x * steepness).sum(axis=2) / self.c_0**2
                 rate += self.V * 2.0 * DELTA * self.h * self.c_0 * (self.slope(r) * excess).sum(axis=1)
-        return rate
+        reach = np.arange(-8, 9) * DX
+        lattice = np.linalg.norm(np.stack(np.meshgrid(*[reach] * self.dim)), axis=0)
+        full = -self.V * self.h**2 * (self.slope(lattice) * (lattice > 0.0)).sum()
+        return rate, sum(company) / full, company[0]
 
-    def acceleration(self, now):
+    def advanced(self, now, dt):
+        """The density error at the end of a step, and the field of the force sweep; at dt = 0 without damping."""
+        rate, crowd, company = self.density_sweep(now)
+        assert company.min() > 0.05  # nobody is spray
+        s = now.s + dt * rate
+        P = self.pressure(s) + 0.1 * np.maximum(crowd - 1.25, 0.0)
+        if dt > 0.0:
+            P += DAMPING * self.h / self.c_0 * rate / np.maximum(crowd**2, 1.0)
+        return s, P
+
+    def acceleration(self, now, P=None):
+        """du/dt, of a field or at a start."""
+        if P is None:
+            P = self.advanced(replace(now, a=0.0 * now.a), 0.0)[1]
         a = np.tile(self.g, (len(now.x), 1))
         artificial = max(0.0, ALPHA * self.h * self.c_0 - 2 * (self.dim + 2) * self.nu)
-        for (x, r, u), s, K, nu in (
-            (pairs(now), now.s, artificial, self.nu),
+        for (x, r, u), P_j, K, nu in (
+            (pairs(now), P, artificial, self.nu),
             (pairs(now, self.around()), np.zeros(len(self.frozen)), 0.0, self.wall_nu),
         ):
-            force = -(self.c_0**2) * (self.pressure(now.s)[:, None] + self.pressure(s)[None])
+            force = -(self.c_0**2) * (P[:, None] + P_j[None])
             force += K * (x * u).sum(axis=2) / (r**2 + 0.01 * self.h**2)
             nu = nu / lattice_laplacian(self.scheme.kernel, self.h / DX, self.dim)
             a += self.V * (self.slope(r)[:, :, None] * (force[:, :, None] * x + 2.0 * nu * u)).sum(axis=1)
@@ -188,8 +211,9 @@ class DeltaReference(Reference):
         """Half a kick, half a drift, density there, half a drift, force there, half a kick."""
         u = now.u + 0.5 * dt * now.a
         middle = Instant(now.x + 0.5 * dt * u, u, now.s, now.a)
-        end = Instant(middle.x + 0.5 * dt * u, u, now.s + dt * self.density_rate(middle), now.a)
-        end.a = self.acceleration(end)
+        s, P = self.advanced(middle, dt)
+        end = Instant(middle.x + 0.5 * dt * u, u, s, now.a)
+        end.a = self.acceleration(end, P)
         end.u = u + 0.5 * dt * end.a
         return end
 
@@ -516,8 +540,8 @@ def frozen_lattice(scene, layers):
 
 
 FROZEN = {
-    "mueller": (replace(MUELLER, walls=FrozenWalls()), MuellerReference, 2),
-    "delta": (Scheme(walls=FrozenWalls()), DeltaReference, 3),
+    "mueller": (replace(MUELLER, walls=FrozenWalls()), MuellerReference, {2: 2, 3: 2}),
+    "delta": (Scheme(walls=FrozenWalls()), DeltaReference, {2: 4, 3: 3}),
 }
 
 
@@ -526,7 +550,7 @@ FROZEN = {
 def test_frozen_walls_are_layers_that_cover_the_support(preset, dim, device):
     scheme, _, layers = FROZEN[preset]
     scene = block(dim, Face(), jitter=0.0)
-    solver, expected = Solver(scene, scheme, device=device), frozen_lattice(scene, layers)
+    solver, expected = Solver(scene, scheme, device=device), frozen_lattice(scene, layers[dim])
     found = solver._frozen.position.numpy()[:, : len(expected)].T.astype(float)
     assert solver._frozen.bounds.numpy()[-1] == len(expected)
     found, expected = (places[np.lexsort(np.round(places, 3).T)] for places in (found, expected))
@@ -541,7 +565,7 @@ def test_step_between_frozen_walls_is_that_of_the_sums_over_fluid_and_wall(prese
     scheme, reference, layers = FROZEN[preset]
     scene = block(dim, Face(slip=slip))
     solver = stirred(scene, scheme, device)
-    wall = frozen_lattice(scene, layers)
+    wall = frozen_lattice(scene, layers[dim])
     with_wall, without = reference(scene, scheme, wall), reference(scene, scheme)
     assert np.abs(with_wall.acceleration(read(solver)) - without.acceleration(read(solver))).max() > 10.0
     assert_step_is(with_wall, solver, summed=preset == "mueller")

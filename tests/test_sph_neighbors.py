@@ -93,8 +93,8 @@ def visits(solver, position, search):
         for k in range(wp.static(dim)):
             x[k] = position[k, i]
         found = pair_loop(
-            x, vec(), 0.0, 0.0, vec(), vec(1.0), i // capacity * stride, search, position, position, field, bounds,
-            grid, c,
+            x, vec(), 0.0, 0.0, vec(), vec(1.0), i // capacity * stride, search, position, position, field, position,
+            bounds, grid, c,
         )  # fmt: skip
         sums[i] = found[0]
 

@@ -10,6 +10,7 @@ from fluidgym.solver import Solver
 from fluidgym.sph.constants import Constants
 from fluidgym.sph.neighbors import Grid
 from fluidgym.sph.pair_loop import make_pair_loop
+from fluidgym.sph.terms import DensityRate
 
 # Two steps' kernels each: periodic along x, a wall that holds the fluid, one that moves, and an opening.
 FACES = {
@@ -49,11 +50,15 @@ def make_solver(dim, plain_loops=False, device="cpu"):
     return solver
 
 
-def sum_both(solver, terms, force, tilted, signed, device):
-    """Sums of the native and of the plain loop, with an offset, a tilt and signs: (loop, slot, component)."""
+def sum_both(solver, terms, force, tilted, signed, leaning, device):
+    """Sums of the native and of the plain loop, with an offset, a tilt, signs and accelerations of a hundred g.
+
+    (loop, slot, component)
+    """
     dim, slots = solver.scene.dim, 2 * solver.capacity
-    native, emit_terms = make_pair_loop(dim, terms, DEFAULT_SCHEME.kernel.slope(dim), force, tilted, signed)
-    plain, _ = make_pair_loop(dim, terms, DEFAULT_SCHEME.kernel.slope(dim), force, tilted, signed, plain=True)
+    slope = DEFAULT_SCHEME.kernel.slope(dim)
+    native, emit_terms = make_pair_loop(dim, terms, slope, force, tilted, signed, leaning=leaning)
+    plain, _ = make_pair_loop(dim, terms, slope, force, tilted, signed, plain=True, leaning=leaning)
     vec = wp.types.vector(dim, wp.float32)
     width = dim if force else 2
 
@@ -66,6 +71,7 @@ def sum_both(solver, terms, force, tilted, signed, device):
         position: wp.array2d[float],
         velocity: wp.array2d[float],
         field: wp.array[float],
+        lean: wp.array2d[float],
         offset: float,
         tilt: vec,
         sign: vec,
@@ -82,9 +88,11 @@ def sum_both(solver, terms, force, tilted, signed, device):
             u[k] = velocity[k, i]
         first_cell = i // capacity * grid.stride
         p = native(
-            x, u, field[i], offset, tilt, sign, first_cell, c.support, position, velocity, field, bounds, grid, c
+            x, u, field[i], offset, tilt, sign, first_cell, c.support, position, velocity, field, lean, bounds, grid, c
         )
-        q = plain(x, u, field[i], offset, tilt, sign, first_cell, c.support, position, velocity, field, bounds, grid, c)
+        q = plain(
+            x, u, field[i], offset, tilt, sign, first_cell, c.support, position, velocity, field, lean, bounds, grid, c
+        )
         for k in range(wp.static(width)):
             sums[0, i, k] = p[k]
             sums[1, i, k] = q[k]
@@ -92,7 +100,9 @@ def sum_both(solver, terms, force, tilted, signed, device):
     start = solver.state.start
     sums = wp.zeros((2, slots, width), dtype=float, device=device)
     inputs = [solver.capacity, solver._constants, solver._grid, solver._bounds]
-    inputs += [start.position, start.velocity, start.density_error]
+    pulls = np.random.default_rng(2).uniform(-1000.0, 1000.0, start.velocity.shape)
+    lean = wp.array(pulls, dtype=float, device=device)
+    inputs += [start.position, start.velocity, start.density_error, lean]
     wp.launch(both, slots, [*inputs, 0.004, vec(*[0.03, -0.02, 0.01][:dim]), vec(*[-1.0, 1.0, -1.0][:dim]), sums],
               device=device)  # fmt: skip
     return sums.numpy().astype(float)
@@ -100,16 +110,47 @@ def sum_both(solver, terms, force, tilted, signed, device):
 
 @pytest.mark.parametrize("force", [False, True], ids=["density", "force"])
 @pytest.mark.parametrize(
-    ("dim", "tilted", "signed"), [(2, False, False), (2, True, True), (3, True, True)], ids=["2D bare", "2D", "3D"]
+    ("dim", "tilted", "signed", "leaning"),
+    [
+        (2, False, False, False),
+        (2, True, True, False),
+        (2, True, False, True),
+        (3, True, True, False),
+        (3, True, True, True),
+    ],
+    ids=["2D bare", "2D", "2D leaning", "3D", "3D leaning"],
 )
-def test_native_and_plain_loop_give_the_same_sums(dim, force, tilted, signed, device):
+def test_native_and_plain_loop_give_the_same_sums(dim, force, tilted, signed, leaning, device):
     scheme = DEFAULT_SCHEME
     terms = scheme.force_terms(viscous=True) if force else scheme.density_terms()
-    functions = terms
-    native, plain = sum_both(make_solver(dim, device=device), functions, force, tilted, signed, device)
+    native, plain = sum_both(make_solver(dim, device=device), terms, force, tilted, signed, leaning, device)
     scale = np.abs(plain).max(axis=0)
     assert (scale > 0.0).all()
     np.testing.assert_allclose(native / scale, plain / scale, atol=1e-6)
+
+
+@wp.func
+def field_of_neighbour(r: float, xu: float, slope: float, a_i: float, a_j: float, c: Constants) -> float:
+    return wp.where(slope < 0.0, a_j, 0.0)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_loop_that_leans_takes_half_of_what_accelerations_make_of_density(dim, device):
+    # Against all pairs: the two sums differ by that of a_j.(X - x_j) / (2 c_0^2).
+    solver, terms = make_solver(dim, device=device), (DensityRate(field_of_neighbour),)
+    (upright, _), (leaning, plain) = (
+        sum_both(solver, terms, False, True, False, leans, device)[..., 0] for leans in (False, True)
+    )
+    slots, start = 2 * solver.capacity, solver.state.start
+    x = start.position.numpy()[:, :slots].T.astype(float)
+    lean = np.random.default_rng(2).uniform(-1000.0, 1000.0, start.velocity.shape)[:, :slots].T
+    d = x[:, None] - x[None]
+    world = np.arange(slots) // solver.capacity
+    near = (np.linalg.norm(d, axis=2) < solver._numbers["support"]) & (world[:, None] == world)
+    expected = -(near * (d * lean).sum(axis=2)).sum(axis=1) / (2.0 * 25.0**2)
+    assert np.abs(expected).max() > 0.5
+    np.testing.assert_allclose(leaning - upright, expected, atol=2e-5)
+    np.testing.assert_allclose(plain - upright, expected, atol=2e-5)
 
 
 @pytest.mark.parametrize("dim", [2, 3])

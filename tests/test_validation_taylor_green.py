@@ -103,8 +103,8 @@ def test_the_reference_itself_has_no_error():
 def test_coarse_vortices_decay_as_the_exact_ones():
     result = run(taylor_green.CASE, 25, device="cpu")
     assert result.particles == 625
-    assert 0.0 < result.errors["speed"] < 0.1
-    assert result.errors["decay"] < 0.16
+    assert 0.0 < result.errors["speed"] < 0.05
+    assert result.errors["decay"] < 0.08
     assert result.errors["energy"] < 0.08
     assert result.passed is None  # the target is set from 50 on
     assert result.records["speed_error"][0] < 1e-6
@@ -115,8 +115,8 @@ def test_refined_vortices_meet_the_target_and_converge():
     coarse, middle, fine = (run(taylor_green.CASE, resolution, device="cpu") for resolution in (25, 50, 100))
     assert middle.passed, middle.errors
     assert fine.passed, fine.errors
-    assert observed_order(coarse, middle)["speed"] > 0.8
-    assert observed_order(middle, fine)["speed"] > 0.4
+    assert observed_order(coarse, middle)["speed"] > 1.5
+    assert observed_order(middle, fine)["speed"] > 0.7
 
 
 # -- three dimensions: reference -------------------------------------------------------------------------------------

@@ -6,16 +6,16 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from gymnasium import spaces
 
 from fluidgym.envs import observations, rewards
 from fluidgym.envs.actuators import DrivenWall
-from fluidgym.envs.task import Task
+from fluidgym.envs.task import Gate, Task
 from fluidgym.scene import Box, Face, Fluid, Particles, Scene
-from fluidgym.scheme import DEFAULT_SCHEME, Scheme
+from fluidgym.scheme import Scheme
 from fluidgym.solver import Solver
 from fluidgym.sph.measure import Measure
 
@@ -29,7 +29,6 @@ TRAVEL = (2.6 * HEIGHT, LENGTH)  # of the wall [m]
 ZONE_WIDTH = 3.0 * HEIGHT  # [m]
 ZONE_HEIGHT = 0.8 * HEIGHT  # [m]
 SPLASH_HEIGHT = 1.2 * HEIGHT  # [m]
-RESOLUTION = {2: 16, 3: 10}
 GRID = {2: (10, 20), 3: (6, 3, 12)}
 WEIGHTS = {"effort": 0.05, "splash": 0.2, "spread": 0.1}
 GRAVITY = 9.81  # [m/s2]
@@ -55,7 +54,17 @@ class DamBreakContain(Task):
 
     An episode is truncated after `episode` seconds, whatever the control interval. Each has a column of its own, wider
     or narrower and higher or lower by up to `variation`, its particles shifted by up to `jitter` of their spacing.
+
+    The resolution counts particles over the height H of the column, and so do the dam breaks of the validation suite
+    that stand for the task. They have its column, 2 H wide and in 3D H/2 deep, in a tank of its length; in 3D theirs is
+    no deeper than the column.
     """
+
+    resolutions: ClassVar = {
+        2: {"fast": 12, "balanced": 16, "accurate": 32},
+        3: {"fast": 8, "balanced": 10, "accurate": 16},
+    }
+    gates: ClassVar = {2: Gate("dam-break"), 3: Gate("dam-break-3d")}
 
     def __init__(
         self,
@@ -72,13 +81,15 @@ class DamBreakContain(Task):
         jitter: float = 0.05,
         depth: float | None = None,
         weights: Mapping[str, float] | None = None,
-        scheme: Scheme = DEFAULT_SCHEME,
+        scheme: Scheme | None = None,
+        fidelity: str | None = None,
     ):
         """Pose the task.
 
         Args:
             dim: 2 or 3.
-            resolution: Particles over the height of the column; None is 16 in 2D and 10 in 3D.
+            resolution: Particles over the height of the column; None is that of the fidelity: 12, 16 or 32 in 2D, 8, 10
+                or 16 in 3D.
             command: "velocity" or "acceleration".
             obs: "flat" is one vector, "grid" (channel, ny, nx) or (channel, nz, ny, nx).
             grid: Cells of the coarse grid, (ny, nx) or (nz, ny, nx); None is (10, 20) or (6, 3, 12).
@@ -91,15 +102,18 @@ class DamBreakContain(Task):
             depth: Only in 3D: the share of the tank's depth that the column takes; 1 makes the 2D flow of a slice, None
                 is 0.5.
             weights: Of effort, splash and spread in the reward; those not named keep their default.
-            scheme: How the fluid is simulated.
+            scheme: How the fluid is simulated; None is as the fidelity has it.
+            fidelity: "fast", "balanced" or "accurate", a trade-off between run time and error: the scheme, and the
+                resolution unless that is given; None is "balanced". Not together with a scheme.
 
         Raises:
             ValueError: An argument is out of its limits.
         """
         if dim not in tuple(BOX):
             raise ValueError(f"dim = {dim!r} is unknown; use 2 or 3")
-        resolution = RESOLUTION[dim] if resolution is None else resolution
-        _check_range("resolution", resolution, 8, 512, f"{RESOLUTION[dim]}", "particles over the column's height")
+        usual = self.choose_fidelity(dim, fidelity, scheme)
+        resolution = usual if resolution is None else resolution
+        _check_range("resolution", resolution, 8, 512, f"{usual}", "particles over the column's height")
         if resolution != int(resolution):
             raise ValueError(f"resolution = {resolution} must be a whole number; use {round(resolution)}")
         _check_range("control_interval", control_interval, 0.005, 0.5, "0.05", "s")
@@ -110,10 +124,8 @@ class DamBreakContain(Task):
             raise ValueError(f"depth = {depth!r} is for 3D only; leave it out in 2D")
         depth = 0.5 if depth is None else depth
         _check_range("depth", depth, 0.1, 1.0, "0.5")
-        if not isinstance(scheme, Scheme):
-            raise ValueError(f"scheme = {scheme!r} is not a Scheme; give fluidgym.Scheme(...), or leave it out")
         observations.check_kind(obs)
-        self.dim, self.scheme, self.obs = dim, scheme, obs
+        self.dim, self.resolution, self.obs = dim, int(resolution), obs
         self.control_interval, self.episode = control_interval, episode
         self.max_episode_steps = max(1, math.ceil(episode / control_interval - 1e-9))
         self.wall = DrivenWall(TRAVEL, max_wall_speed, max_wall_acceleration, command, control_interval)

@@ -480,7 +480,7 @@ def make_bodies(s: Structure) -> SimpleNamespace:
         """Push off a particle that all but touches a body, as the cushion of a wall does [m/s2]."""
         push = vec()
         depth = 0.05 * c.spacing
-        stiffness = 0.5 * c.c_0 * c.c_0 / (c.h * c.h)
+        stiffness = 0.22 * c.c_0 * c.c_0 / (c.spacing * c.spacing)
         for b in range(wp.static(n_bodies)):
             d = outward(b, from_middle(x, world, b, bodies), bodies)
             gap = wp.length(d)

@@ -20,12 +20,16 @@ class Constants:
     inv_c_0_squared: float  # [s2/m2]
     gamma: float  # exponent of Tait's equation
     diffusion: float  # 2 delta h c_0 [m2/s]
+    damping: float  # of sound, b h / c_0; 0 where no time passes [s]
+    full_company: float  # sum of V |W'/r| h^2 over a full neighbourhood
     artificial_viscosity: float  # alpha h c_0, less viscosity_monaghan [m2/s]
     viscosity: float  # nu [m2/s]
     viscosity_monaghan: float  # 2 (dim + 2) nu [m2/s]
     density_unit: float  # 1 over the sum of V W on a lattice at rest, where density is a sum
     thermal_diffusivity: float  # [m2/s]
     central_force: float  # pull to the origin over the distance [1/s2]
+    shifting: float  # A U h of the particle shifting [m2/s]
+    level: float  # density error whose pressure is added throughout a shifted box
     wall_stiffness: float  # of a penalty wall [1/s2]
     wall_margin: float  # reach of a penalty wall [m]
     wall_damping: float  # share of its normal speed that a particle keeps when a clamping wall throws it back

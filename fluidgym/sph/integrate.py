@@ -24,14 +24,12 @@ from fluidgym.sph.constants import Constants
 from fluidgym.sph.inflow import FREE, GONE, IN_PIPE, WEIGHED, make_carriers, make_emit
 from fluidgym.sph.neighbors import Grid, make_cell_of
 from fluidgym.sph.pair_loop import make_pair_loop
+from fluidgym.sph.shifting import make_shift
 from fluidgym.sph.structure import Structure
 from fluidgym.sph.sums import make_density_sum, make_force_sum, make_heat_sum
+from fluidgym.sph.surroundings import SPRAY_COMPANY, packing_pressure, spray_share
 from fluidgym.sph.walls import make_images
 from fluidgym.state import Bodies, Drains, Faces, Frozen, Nozzles
-
-# A particle whose neighbours weigh less than this, as sum V |W'/r| h^2, is spray and carries no pressure of its own.
-# One neighbour, or its own mirror image, weighs about 0.4 at dx and 0.05 at 2 dx; a full neighbourhood weighs 3.5.
-SPRAY_COMPANY = 0.05
 
 
 @wp.kernel(module="fluidgym.integrate", enable_backward=False)
@@ -193,6 +191,7 @@ def make_advance_density(s: Structure) -> wp.Kernel:
         velocity: wp.array2d[float],
         density_error: wp.array[float],
         identity: wp.array[int],
+        acceleration: wp.array2d[float],
         position_out: wp.array2d[float],
         density_error_out: wp.array[float],
         identity_out: wp.array[int],
@@ -210,13 +209,17 @@ def make_advance_density(s: Structure) -> wp.Kernel:
         x = vec()
         u = vec()
         g = vec()
+        lean = vec()
         for k in range(wp.static(dim)):
             x[k] = position[k, i]
             u[k] = velocity[k, i]
             g[k] = gravity[world, k]
+            if wp.static(s.leaning):
+                lean[k] = 0.5 * acceleration[k, i]
         if wp.static(s.central):
             g -= c.central_force * x
         error = density_error[i]
+        extra = float(0.0)
         how = FREE
         if wp.static(s.carried):
             if identity[i] >= 0:
@@ -227,23 +230,30 @@ def make_advance_density(s: Structure) -> wp.Kernel:
                     if how == IN_PIPE:
                         mean = mean_loop(
                             place.mirror, u, 0.0, 0.0, vec(), vec(1.0), world * grid.stride, c.support, position,
-                            velocity, density_error, bounds, grid, c,
+                            velocity, density_error, velocity, bounds, grid, c,
                         )  # fmt: skip
                         error = mean[0] / wp.max(mean[1], wp.static(SPRAY_COMPANY) / (c.volume * c.h * c.h))
         if identity[i] >= 0:
             if how == FREE:
                 sum = density_sum(
-                    x, u, error, g, world, c.support, faces, bodies, frozen, frozen_grid, position, velocity,
-                    density_error, bounds, grid, c,
+                    x, u, error, g, lean, world, c.support, faces, bodies, frozen, frozen_grid, position, velocity,
+                    density_error, acceleration, bounds, grid, c,
                 )  # fmt: skip
                 if wp.static(s.summed):
                     error = c.density_unit * c.volume * sum[0] - 1.0
                 else:
-                    error += c.dt * c.volume * sum[0]
+                    rate = c.volume * sum[0]
+                    error += c.dt * rate
                     # The particle itself does not count. Where there is no other either, walls do not pull on it.
                     itself = slope(0.0, c)
                     company = c.volume * c.h * c.h * (wp.where(error < 0.0, sum[2], sum[1]) + itself)
-                    error *= wp.clamp(company / SPRAY_COMPANY, 0.0, 1.0)
+                    felt = spray_share(company)
+                    crowd = c.volume * c.h * c.h * (sum[1] + itself) / c.full_company
+                    error *= felt
+                    extra = packing_pressure(crowd)
+                    if wp.static(s.damped):
+                        # An explicit damper is the stiffer the closer the particles are.
+                        extra += c.damping * felt * rate / wp.max(crowd * crowd, 1.0)
             if wp.static(steps.closing_drift > 0.0):
                 x_0 = x
                 x += (wp.static(steps.closing_drift) * c.dt) * u
@@ -256,7 +266,9 @@ def make_advance_density(s: Structure) -> wp.Kernel:
         for k in range(wp.static(dim)):
             position_out[k, i] = x[k]
         density_error_out[i] = error
-        field[i] = field_of(error, c)
+        if wp.static(s.shifted):
+            error += c.level
+        field[i] = field_of(error, c) + extra
 
     return advance_density
 
@@ -378,11 +390,12 @@ def make_conduct(s: Structure) -> wp.Kernel:
 
 
 def make_step(s: Structure) -> SimpleNamespace:
-    """The kernels of one step of this structure; conduct and emit are None where there is nothing for them to do."""
+    """The kernels of one step of this structure; those that have nothing to do in it are None."""
     return SimpleNamespace(
         drift=make_drift(s),
         advance_density=make_advance_density(s),
         kick=make_kick(s),
         conduct=make_conduct(s) if s.heat else None,
         emit=make_emit(s) if s.round_pipes else None,
+        shift=make_shift(s) if s.shifted else None,
     )

@@ -97,7 +97,7 @@ def settle_order(stride: int, bounds: wp.array[int], order: wp.array[int]):
 
 
 @lru_cache
-def make_gather(dim: int, heat: bool = False) -> wp.Kernel:
+def make_gather(dim: int, heat: bool = False, leaning: bool = False) -> wp.Kernel:
     """Kernel that copies the particles into their new order."""
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -108,17 +108,21 @@ def make_gather(dim: int, heat: bool = False) -> wp.Kernel:
         density_error: wp.array[float],
         identity: wp.array[int],
         temperature: wp.array[float],
+        acceleration: wp.array2d[float],
         position_out: wp.array2d[float],
         velocity_out: wp.array2d[float],
         density_error_out: wp.array[float],
         identity_out: wp.array[int],
         temperature_out: wp.array[float],
+        acceleration_out: wp.array2d[float],
     ):
         i = wp.tid()
         j = order[i]
         for k in range(wp.static(dim)):
             position_out[k, i] = position[k, j]
             velocity_out[k, i] = velocity[k, j]
+            if wp.static(leaning):
+                acceleration_out[k, i] = acceleration[k, j]
         density_error_out[i] = density_error[j]
         identity_out[i] = identity[j]
         if wp.static(heat):

@@ -8,7 +8,8 @@ twin does the same sum; the tests hold one against the other.
 Both sweeps share the loop. A query is a place X [m], a velocity U [m/s] and a field value a; each neighbour j meets it
 with x = X - x_j, u = U - u_j and a_j + offset + tilt . x, the affine part being what a mirror image adds to the field.
 In a force that part may not take a pressure below zero: a ceiling does not hold drops. A screened loop leaves out the
-neighbours that a body hides.
+neighbours that a body hides. A leaning loop takes lean_j . x / (2 c_0^2) from it as well, a half of what the densities
+of two particles differ by where nothing is to be done about it (continuity.py).
 """
 
 from functools import lru_cache
@@ -119,6 +120,7 @@ def _snippet(
     tilted: bool,
     signed: bool,
     screen: tuple[bool, ...],
+    leaning: bool,
 ) -> str:
     """The native lines of one pair loop."""
     axes = range(dim)
@@ -131,6 +133,9 @@ def _snippet(
             f"const float X{k} = X[{k}], U{k} = U[{k}], T{k} = tilt[{k}], S{k} = sign[{k}];",
         ]
     lines.append("const float* __restrict__ pa = field.data;")
+    if leaning:
+        lines += [f"const float* __restrict__ pl{k} = lean.data + {k} * lean.shape[1];" for k in axes]
+        lines.append("const float halved = 0.5f * c.inv_c_0_squared;")
     lines += fetch
     names = [f"sum{k}" for k in (axes if force else range(2))]
     lines += [f"float {name}[lanes] = {{}};" for name in names]
@@ -139,7 +144,8 @@ def _snippet(
     lines += [f"const float x{k} = X{k} - px{k}[j], u{k} = U{k} - pu{k}[j];" for k in axes]
     lines += look
     products = [f"S{k} * x{k} * u{k}" if signed else f"x{k} * u{k}" for k in axes]
-    affine = "".join(["pa[j] + offset", *(f" + T{k} * x{k}" for k in axes)])
+    tilts = [f"(T{k} - halved * pl{k}[j])" if leaning else f"T{k}" for k in axes]
+    affine = "".join(["pa[j] + offset", *(f" + {tilts[k]} * x{k}" for k in axes)])
     field = "pa[j]" if not tilted else f"wp::max({affine}, wp::min(pa[j], 0.0f))" if force else affine
     lines += [
         "const float r2 = " + " + ".join(f"x{k} * x{k}" for k in axes) + ";",
@@ -171,6 +177,7 @@ def make_pair_loop(
     signed: bool = False,
     plain: bool = False,
     screen: tuple[bool, ...] = (),
+    leaning: bool = False,
 ) -> tuple[wp.Function, wp.Function]:
     """The sum of terms over the neighbours of a place.
 
@@ -183,12 +190,13 @@ def make_pair_loop(
         signed: Whether each u_k is multiplied by sign[k] (no-slip images).
         plain: True makes the twin in plain Warp, the reference for tests.
         screen: For each body that may hide neighbours whether it is a ball; the others are boxes.
+        leaning: Whether the accelerations `lean` are compiled in; it goes with `tilted`.
 
     Returns:
-        The loop (X, U, a, offset, tilt, sign, first_cell, reach, position, velocity, field, bounds, grid, c) -> sum,
-        with a further argument where there are bodies, the matrix of their middles and half sides (body, 2 dim),
-        and a function (c) -> float that a kernel must name in a branch never taken, so that Warp writes the terms
-        ahead of the native lines that call them.
+        The loop (X, U, a, offset, tilt, sign, first_cell, reach, position, velocity, field, lean, bounds, grid, c) ->
+        sum, where a loop that does not lean leaves lean unread (hand it any array), with a further argument where there
+        are bodies, the matrix of their middles and half sides (body, 2 dim); and a function (c) -> float that a kernel
+        must name in a branch never taken, so that Warp writes the terms ahead of the native lines that call them.
     """
     vec = wp.types.vector(dim, wp.float32)
     result = vec if force else wp.vec2
@@ -204,9 +212,9 @@ def make_pair_loop(
         return value
 
     if plain:
-        return _plain_loop(dim, term, drag, slope, force, tilted, signed, screen), emit_terms
+        return _plain_loop(dim, term, drag, slope, force, tilted, signed, screen, leaning), emit_terms
 
-    snippet = _snippet(dim, term, drag, slope, force, tilted, signed, screen)
+    snippet = _snippet(dim, term, drag, slope, force, tilted, signed, screen, leaning)
     if screen:
         Screens = wp.types.matrix((len(screen), 2 * dim), wp.float32)
 
@@ -223,6 +231,7 @@ def make_pair_loop(
             position: wp.array2d[float],
             velocity: wp.array2d[float],
             field: wp.array[float],
+            lean: wp.array2d[float],
             bounds: wp.array[int],
             grid: Grid,
             c: Constants,
@@ -244,6 +253,7 @@ def make_pair_loop(
         position: wp.array2d[float],
         velocity: wp.array2d[float],
         field: wp.array[float],
+        lean: wp.array2d[float],
         bounds: wp.array[int],
         grid: Grid,
         c: Constants,
@@ -261,6 +271,7 @@ def _plain_loop(
     tilted: bool,
     signed: bool,
     screen: tuple[bool, ...],
+    leaning: bool,
 ) -> wp.Function:
     """The pair loop in plain Warp: every particle of every cell within reach, no rows cut."""
     vec = wp.types.vector(dim, wp.float32)
@@ -315,6 +326,7 @@ def _plain_loop(
         position: wp.array2d[float],
         velocity: wp.array2d[float],
         field: wp.array[float],
+        lean: wp.array2d[float],
         bounds: wp.array[int],
         grid: Grid,
         c: Constants,
@@ -347,6 +359,8 @@ def _plain_loop(
                             xu += x[k] * u[k]
                             if wp.static(tilted):
                                 a_j += tilt[k] * x[k]
+                            if wp.static(leaning):
+                                a_j -= 0.5 * c.inv_c_0_squared * lean[k, j] * x[k]
                         if wp.static(force and tilted):
                             a_j = wp.max(a_j, lowest)
                         if wp.static(len(screen) > 0):
@@ -379,12 +393,13 @@ def _plain_loop(
         position: wp.array2d[float],
         velocity: wp.array2d[float],
         field: wp.array[float],
+        lean: wp.array2d[float],
         bounds: wp.array[int],
         grid: Grid,
         c: Constants,
     ) -> result:
         return sum_over_pairs(
-            X, U, a, offset, tilt, sign, first_cell, reach, position, velocity, field, bounds, grid, c, Screens()
+            X, U, a, offset, tilt, sign, first_cell, reach, position, velocity, field, lean, bounds, grid, c, Screens()
         )
 
     return pair_loop

@@ -10,6 +10,7 @@ from functools import lru_cache
 
 import warp as wp
 
+from fluidgym.precision import real
 from fluidgym.sph.constants import Constants
 
 Shape = wp.Function | tuple[wp.Function, wp.Function]
@@ -27,6 +28,7 @@ class SmoothingKernel:
         w: Warp function q -> w(q); a pair is one for two dimensions and one for three.
         dw: Warp function q -> w'(q) / q, finite at q = 0; a function or a pair.
         ddw: Warp function q -> the Laplacian of w, for a kernel that is made for it; a function, a pair, or None.
+        breadth: The usual smoothing length over that of Wendland C2: a kernel that falls off sooner wants more.
     """
 
     name: str
@@ -36,6 +38,7 @@ class SmoothingKernel:
     w: Shape
     dw: Shape
     ddw: Shape | None = None
+    breadth: float = 1.0
 
     def sigma(self, dim: int) -> float:
         """Normalisation at h = 1."""
@@ -43,7 +46,7 @@ class SmoothingKernel:
 
     def slope_of(self, q: float) -> float:
         """w'(q)/q, in plain Python."""
-        return float(_in(self.dw, 2)(float(q)))
+        return float(_in(self.dw, 2)(real(q)))
 
     def value(self, dim: int) -> wp.Function:
         """Warp function (r, Constants) -> W [1/m^dim]."""
@@ -203,7 +206,7 @@ WENDLAND_C2 = SmoothingKernel(
     "Wendland C2", 2.0, 7.0 / (4.0 * math.pi), 21.0 / (16.0 * math.pi), wendland_c2, wendland_c2_slope
 )
 WENDLAND_C4 = SmoothingKernel(
-    "Wendland C4", 2.0, 9.0 / (4.0 * math.pi), 495.0 / (256.0 * math.pi), wendland_c4, wendland_c4_slope
+    "Wendland C4", 2.0, 9.0 / (4.0 * math.pi), 495.0 / (256.0 * math.pi), wendland_c4, wendland_c4_slope, breadth=1.2
 )
 CUBIC_SPLINE = SmoothingKernel(
     "cubic spline", 2.0, 10.0 / (7.0 * math.pi), 1.0 / math.pi, cubic_spline, cubic_spline_slope

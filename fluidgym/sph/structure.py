@@ -24,6 +24,8 @@ class Structure:
         field: Warp function (s, Constants) -> what the force terms read.
         integrator: How the step is put together.
         gravity: Whether there is gravity, or could be: it tilts the fields that images and diffusion see.
+        damped: Whether sound is damped.
+        leaning: Whether the diffusion of density knows the accelerations.
         central: Whether the origin pulls.
         wall: What a bare face does: "penalty", "clamp" or "frozen".
         balls: Whether each body is a ball; the others are boxes, (body,).
@@ -32,6 +34,7 @@ class Structure:
         round_pipes: Whether each nozzle's pipe is round, (inflow,).
         drains: Number of outflows.
         heat: Whether heat is conducted.
+        shift: The term of the particle shifting, or None without.
         forces: Whether forces on faces and bodies are added up.
         plain: Whether the pair loop is its twin in plain Warp.
     """
@@ -47,6 +50,8 @@ class Structure:
     integrator: Integrator = KICK_DRIFT_KICK
     gravity: bool = True
     central: bool = False
+    damped: bool = False
+    leaning: bool = False
     wall: str = "mirror"
     balls: tuple[bool, ...] = ()
     no_slip_bodies: tuple[bool, ...] = ()
@@ -54,6 +59,7 @@ class Structure:
     round_pipes: tuple[bool, ...] = ()
     drains: int = 0
     heat: bool = False
+    shift: Force | None = None
     forces: bool = False
     plain: bool = False
 
@@ -76,6 +82,11 @@ class Structure:
     def summed(self) -> bool:
         """Whether density is a sum, not advanced."""
         return any(isinstance(term, DensitySum) for term in self.density_terms)
+
+    @property
+    def shifted(self) -> bool:
+        """Whether particles are shifted."""
+        return self.shift is not None
 
     @property
     def carried(self) -> bool:

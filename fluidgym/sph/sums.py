@@ -52,15 +52,18 @@ def point_volume(hit: float, end: float, m: int, share: float, dim: int, c: Cons
 @lru_cache
 def make_density_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
     """The first sweep's sum: (of the density terms, of -W'/r, of that over particles alone), over V; and emit_terms."""
-    dim, tilted = s.dim, s.gravity or s.has_walls
+    dim, leaning = s.dim, s.leaning
+    tilted = s.gravity or s.has_walls or leaning
     vec = wp.types.vector(dim, wp.float32)
     flags = wp.types.vector(dim, wp.int32)
     images, solids, slope = make_images(s), make_bodies(s), s.slope
     near, count, query, near_bare = images.near, images.count, images.query, images.near_bare
     near_body, patch, ray, screens = solids.near, solids.patch, solids.ray, solids.screens
     frozen_loop, emit_frozen = make_pair_loop(dim, _of_frozen(s, s.density_terms), slope, False, False, plain=s.plain)
-    loop, emit_fluid = make_pair_loop(dim, s.density_terms, slope, False, tilted, plain=s.plain)
-    screened, _ = make_pair_loop(dim, s.density_terms, slope, False, tilted, plain=s.plain, screen=_screen(s))
+    loop, emit_fluid = make_pair_loop(dim, s.density_terms, slope, False, tilted, plain=s.plain, leaning=leaning)
+    screened, _ = make_pair_loop(
+        dim, s.density_terms, slope, False, tilted, plain=s.plain, screen=_screen(s), leaning=leaning
+    )
     term = total(tuple(bound(term, dim) for term in s.density_terms))
 
     @wp.func
@@ -85,14 +88,14 @@ def make_density_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
 
     @wp.func
     def density_sum(
-        x: vec, u: vec, a: float, g: vec, world: int, reach: float, faces: Faces, bodies: Bodies, frozen: Frozen,
-        frozen_grid: Grid, position: wp.array2d[float], velocity: wp.array2d[float], field: wp.array[float],
-        bounds: wp.array[int], grid: Grid, c: Constants,
+        x: vec, u: vec, a: float, g: vec, lean: vec, world: int, reach: float, faces: Faces, bodies: Bodies,
+        frozen: Frozen, frozen_grid: Grid, position: wp.array2d[float], velocity: wp.array2d[float],
+        field: wp.array[float], acceleration: wp.array2d[float], bounds: wp.array[int], grid: Grid, c: Constants,
     ) -> wp.vec3:  # fmt: skip
         sum = wp.vec2(0.0, 0.0)
         in_sight = float(0.0)  # what other particles weigh, without images and bodies
         one = vec(1.0)
-        tilt = c.inv_c_0_squared * g
+        tilt = c.inv_c_0_squared * (g - lean)
         first_cell = world * grid.stride
         found = flags()
         shaded = bool(False)
@@ -101,18 +104,18 @@ def make_density_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
         if wp.static(s.has_images):
             found = near(x, world, faces, c.support)
             for n in range(count(found)):
-                q = query(n, found, x, u, g, world, faces, c)
+                q = query(n, found, x, u, g, lean, world, faces, c)
                 if wp.static(len(s.balls) > 0):
                     if shaded:
                         sum += screened(
                             q.position, q.velocity, a, q.offset, q.density_tilt, one, first_cell, reach, position,
-                            velocity, field, bounds, grid, c,
+                            velocity, field, acceleration, bounds, grid, c,
                             screens(world, bodies, q.turn, q.plane, x - q.position, c.support),
                         )  # fmt: skip
                 if not shaded:
                     sum += loop(
                         q.position, q.velocity, a, q.offset, q.density_tilt, one, first_cell, reach, position,
-                        velocity, field, bounds, grid, c,
+                        velocity, field, acceleration, bounds, grid, c,
                     )  # fmt: skip
                 if n == 0:
                     in_sight = sum[1]
@@ -120,11 +123,13 @@ def make_density_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
             if wp.static(len(s.balls) > 0):
                 if shaded:
                     sum += screened(
-                        x, u, a, 0.0, tilt, one, first_cell, reach, position, velocity, field, bounds, grid, c,
-                        screens(world, bodies, one, x, one, c.support),
+                        x, u, a, 0.0, tilt, one, first_cell, reach, position, velocity, field, acceleration, bounds,
+                        grid, c, screens(world, bodies, one, x, one, c.support),
                     )  # fmt: skip
             if not shaded:
-                sum += loop(x, u, a, 0.0, tilt, one, first_cell, reach, position, velocity, field, bounds, grid, c)
+                sum += loop(
+                    x, u, a, 0.0, tilt, one, first_cell, reach, position, velocity, field, acceleration, bounds, grid, c
+                )
             in_sight = sum[1]
         if wp.static(len(s.balls) > 0):
             if shaded:
@@ -133,7 +138,7 @@ def make_density_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
             if near_bare(x, world, faces, c.support):
                 sum += frozen_loop(
                     x, u, a, 0.0, vec(), one, 0, reach, frozen.position, frozen.velocity, frozen.field,
-                    frozen.bounds, frozen_grid, c,
+                    frozen.velocity, frozen.bounds, frozen_grid, c,
                 )  # fmt: skip
         return wp.vec3(sum[0], sum[1], in_sight)
 
@@ -226,19 +231,19 @@ def make_force_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
         if wp.static(s.has_images):
             found = near(x, world, faces, c.support)
             for n in range(count(found)):
-                q = query(n, found, x, u, g, world, faces, c)
+                q = query(n, found, x, u, g, vec(), world, faces, c)
                 f = vec()
                 if wp.static(n_bodies > 0):
                     if shaded:
                         f = screened(
                             q.position, q.viscous_velocity, a, q.offset, q.pressure_tilt, q.viscous_turn, first_cell,
-                            reach, position, velocity, field, bounds, grid, c,
+                            reach, position, velocity, field, velocity, bounds, grid, c,
                             screens(world, bodies, q.turn, q.plane, x - q.position, c.support),
                         )  # fmt: skip
                 if not shaded:
                     f = loop(
                         q.position, q.viscous_velocity, a, q.offset, q.pressure_tilt, q.viscous_turn, first_cell,
-                        reach, position, velocity, field, bounds, grid, c,
+                        reach, position, velocity, field, velocity, bounds, grid, c,
                     )  # fmt: skip
                 sum += wp.cw_mul(q.turn, f)
                 if wp.static(s.forces and "mirror" in s.kinds):
@@ -247,11 +252,13 @@ def make_force_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
             if wp.static(n_bodies > 0):
                 if shaded:
                     sum += screened(
-                        x, u, a, 0.0, vec(), one, first_cell, reach, position, velocity, field, bounds, grid, c,
-                        screens(world, bodies, one, x, one, c.support),
+                        x, u, a, 0.0, vec(), one, first_cell, reach, position, velocity, field, velocity, bounds,
+                        grid, c, screens(world, bodies, one, x, one, c.support),
                     )  # fmt: skip
             if not shaded:
-                sum += loop(x, u, a, 0.0, vec(), one, first_cell, reach, position, velocity, field, bounds, grid, c)
+                sum += loop(
+                    x, u, a, 0.0, vec(), one, first_cell, reach, position, velocity, field, velocity, bounds, grid, c
+                )
         if wp.static(n_bodies > 0):
             if shaded:
                 sum += shadow(x, u, a, g, found, world, faces, bodies, forces, c)
@@ -259,7 +266,7 @@ def make_force_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
             if near_bare(x, world, faces, c.support):
                 sum += frozen_loop(
                     x, u, a, 0.0, vec(), one, 0, reach, frozen.position, frozen.velocity, frozen.field,
-                    frozen.bounds, frozen_grid, c,
+                    frozen.velocity, frozen.bounds, frozen_grid, c,
                 )  # fmt: skip
         return c.volume * sum
 
@@ -325,19 +332,19 @@ def make_heat_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
         if wp.static(s.has_images):
             found = near(x, world, faces, c.support)
         for n in range(count(found)):
-            q = query(n, found, x, zero, zero, world, faces, c)
+            q = query(n, found, x, zero, zero, zero, world, faces, c)
             part = wp.vec2(0.0, 0.0)
             if wp.static(len(s.balls) > 0):
                 if shaded:
                     part = screened(
                         q.position, zero, q.flip * (a - q.shift), 0.0, zero, one, first_cell, reach, position,
-                        velocity, temperature, bounds, grid, c,
+                        velocity, temperature, velocity, bounds, grid, c,
                             screens(world, bodies, q.turn, q.plane, x - q.position, c.support),
                     )  # fmt: skip
             if not shaded:
                 part = loop(
                     q.position, zero, q.flip * (a - q.shift), 0.0, zero, one, first_cell, reach, position,
-                    velocity, temperature, bounds, grid, c,
+                    velocity, temperature, velocity, bounds, grid, c,
                 )  # fmt: skip
             sum += q.flip * part[0]
         if wp.static(len(s.balls) > 0):

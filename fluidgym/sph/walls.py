@@ -83,8 +83,8 @@ def make_images(s: Structure) -> SimpleNamespace:
         return n
 
     @wp.func
-    def query(n: int, found: flags, x: vec, u: vec, g: vec, world: int, faces: Faces, c: Constants) -> Query:
-        """The n-th query of a particle at x with velocity u; the first is the particle itself."""
+    def query(n: int, found: flags, x: vec, u: vec, g: vec, lean: vec, world: int, faces: Faces, c: Constants) -> Query:
+        """The n-th query of a particle at x with velocity u and half of its acceleration; the first is itself."""
         q = Query()
         q.position = x
         q.velocity = u
@@ -94,7 +94,7 @@ def make_images(s: Structure) -> SimpleNamespace:
         rest = int(n)
         for k in range(wp.static(dim)):
             q.turn[k] = 1.0
-            q.density_tilt[k] = g[k] * c.inv_c_0_squared
+            q.density_tilt[k] = (g[k] - lean[k]) * c.inv_c_0_squared
             if (imaged >> (2 * k)) & 3 != 0:
                 choices = 1 + (found[k] & 1) + (found[k] >> 1)
                 choice = rest % choices
@@ -120,7 +120,8 @@ def make_images(s: Structure) -> SimpleNamespace:
                         else:
                             q.viscous_velocity[k] = 2.0 * faces.velocity[world, face] - q.viscous_velocity[k]
                         q.offset += 2.0 * pull * (w - q.position[k])
-                        q.density_tilt[k] = 2.0 * pull - g[k] * c.inv_c_0_squared
+                        # The image accelerates by 2 a_w - a_j.
+                        q.density_tilt[k] = pull + lean[k] * c.inv_c_0_squared
                         q.pressure_tilt[k] = 2.0 * pull
                         q.plane[k] = w
                         q.face[k] = 1 + face
@@ -137,11 +138,11 @@ def make_images(s: Structure) -> SimpleNamespace:
         """What pushes a particle off walls besides their images [m/s2].
 
         At a mirror: where a particle is about to merge with its own image, as W' vanishes with r. A spring of the
-        stiffness of the fluid, c_0/h, holds it a twentieth of the spacing away. At a penalty wall: its spring.
+        stiffness of the fluid, c_0/dx, holds it a twentieth of the spacing away. At a penalty wall: its spring.
         """
         push = vec()
         depth = 0.05 * c.spacing
-        stiffness = 0.5 * c.c_0 * c.c_0 / (c.h * c.h)
+        stiffness = 0.22 * c.c_0 * c.c_0 / (c.spacing * c.spacing)
         if wp.static(wall == "penalty"):
             depth = c.wall_margin
             stiffness = c.wall_stiffness

@@ -15,6 +15,9 @@ Reference: u = 6 U y (H - y) / H^2, dp/dx = -12 nu rho U / H^2. A nozzle hands o
 the mass flux that is exactly rho U H; on the way down to no pressure the fluid of c_0 = 15 m/s grows by 0.5 %, and so
 does its speed: 0.3 % of it in the middle, where it is measured.
 
+The smoothing length is h = 1.5 dx. At the default 2 dx the row of particles beside a wall is drawn towards it, and its
+particles come together in pairs: `profile` and `worst` are 0.66 and 8.1 % at H/20, and 0.32 and 1.5 % here.
+
 Errors, those of the last 4 H/U of a run and of the middle H of the channel unless said otherwise:
     profile: root mean square over particles and instants of u - u_ref, over the speed of the middle line.
     worst: largest of the same.
@@ -32,6 +35,7 @@ import dataclasses
 import numpy as np
 
 from fluidgym.scene import NO_SLIP_WALL, OPEN, Box, Fluid, Inflow, Material, Outflow, Scene
+from fluidgym.scheme import Scheme
 from fluidgym.solver import Solver
 from fluidgym.validation.case import Case, Records, rms
 
@@ -144,11 +148,15 @@ CASE = Case(
     end=8.0 * TIME_UNIT,
     observe=observe,
     errors=errors,
-    target={20: {"profile": 0.01, "flux": 0.005, "ledger": 0.0}},
+    target={
+        20: {"profile": 0.005, "worst": 0.03, "flux": 0.001, "gradient": 0.015, "ledger": 0.0},
+        40: {"profile": 0.003, "worst": 0.02, "outflow": 0.005},
+    },
     goal={
         20: {"profile": 0.01, "worst": 0.01, "flux": 0.005, "gradient": 0.05, "ledger": 0.0},
         40: {"outflow": 0.005},
     },
+    scheme=Scheme(smoothing_ratio=1.5),
 )
 
 START = dataclasses.replace(
@@ -157,7 +165,7 @@ START = dataclasses.replace(
     title="Channel from inflow to outflow, from rest",
     scene=starting_scene,
     end=12.0 * TIME_UNIT,
-    target={20: {"profile": 0.02, "ledger": 0.0}},
+    target={20: {"profile": 0.006, "flux": 0.002, "ledger": 0.0}},
 )
 
 CASES = (CASE, START)

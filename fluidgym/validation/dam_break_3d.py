@@ -35,6 +35,9 @@ no resolution can bring `after` below that; runs at H/30 are within 8 % of it. A
 the record, at any resolution: where the flow comes to rest on a body, the layer of particles next to it has half as
 much pressure again as those behind, and is thinner by as much. The force on the body is that of the layers behind; what
 a sensor on its surface shows is not. Nor is it near the edge, where P4 is less than a particle below.
+
+The box takes h = 1.3 dx. A wider kernel shows a sensor the tongue later: with the default, h = 1.5 dx, `arrival` is
+6.7 % at H/14, and 4.3 % with this.
 """
 
 import math
@@ -45,6 +48,7 @@ import numpy as np
 
 from fluidgym.diagnostics import pressure_at
 from fluidgym.scene import OPEN, Body, Box, Fluid, Scene
+from fluidgym.scheme import Scheme
 from fluidgym.solver import Solver
 from fluidgym.validation import dam_break
 from fluidgym.validation.case import Case, Records, rms
@@ -288,7 +292,7 @@ CASES = (
         end=float(_instants(WALL)[-1]),
         observe=observe_wall,
         errors=wall_errors,
-        target={15: {"arrival": 0.08, "ideal": 0.12}, 30: {"arrival": 0.04, "ideal": 0.1}},
+        target={15: {"arrival": 0.06, "ideal": 0.06}, 30: {"arrival": 0.04, "ideal": 0.06}},
         goal={30: GOAL | {"ideal": 0.05}},
     ),
     Case(
@@ -300,7 +304,8 @@ CASES = (
         end=float(_instants(BOX)[-1]),
         observe=observe_box,
         errors=box_errors,
-        target={14: {"arrival": 0.06, "height": 0.03}, 22: {"arrival": 0.04, "height": 0.02}},
+        target={14: {"arrival": 0.05, "height": 0.015}, 22: {"arrival": 0.04, "height": 0.015}},
         goal={22: GOAL},
+        scheme=Scheme(smoothing_ratio=1.3),
     ),
 )

@@ -9,12 +9,21 @@ Reference: with p/rho = C (1 - (x/a)^2 - (y/b)^2), the incompressible Euler equa
     -A' + A^2 = 2 C / a^2        A' + A^2 = 2 C / b^2        b' = A b        a b = R^2
 
 whence C = A^2 R^4 / (a^2 + b^2) and A' = A^2 (a^2 - b^2) / (a^2 + b^2) (Monaghan 1994, section 5.1). The drop starts
-with this pressure: starting from none costs a shock of the size of the pressure itself.
+with this pressure: starting from none costs a shock of the size of the pressure itself. A fluid of c_0 = 1400 m/s is
+not incompressible: as C falls from 5000 to 1222 m2/s2 its area grows by 0.10 %, and its semi-axis by 0.05 %.
+
+The disc is cut out of a lattice, and such a circle made of squares has a radius of its own: by its second moments
+0.29 % more than R at R/20, 0.03 % less at R/40 and 0.004 % more at R/80, and by its area the same to within 0.004 %. As
+the flow is linear in x and y, a drop of another radius is drawn out by the same factor; so that is what is compared.
 
 Errors, the largest over the instants t = 0.8, 1.9, 3.8, 5.7 and 7.6 ms:
-    b: |b/b_ref - 1|, with b from the second moment of a uniform ellipse, <y^2> = b^2/4.
+    b: |b/b_0 / (b_ref/R) - 1|, with b from the second moment of a uniform ellipse, <y^2> = b^2/4, and b_0 at the start.
     center_pressure: |p/p_ref - 1| at the centre.
     energy: kinetic and elastic energy at the end over that at the start, less 1.
+
+A strained lattice keeps its density better under the kernel of `accurate` (see the oscillating drop), which the case
+takes: with the default, b is 0.05, 0.13 and 0.14 % off at R/20, R/40 and R/80, with this 0.03, 0.05 and 0.07 %, which
+comes near to what the compression makes; and the pressure in the middle 14 and 6 %.
 """
 
 from functools import lru_cache
@@ -23,6 +32,7 @@ import numpy as np
 
 from fluidgym.diagnostics import elastic_energy, kinetic_energy, pressure_at, second_moments
 from fluidgym.scene import OPEN, Ball, Fluid, Material, Scene
+from fluidgym.scheme import FIDELITIES
 from fluidgym.solver import Solver
 from fluidgym.validation.case import Case, Records, runge_kutta
 
@@ -84,7 +94,7 @@ def errors(times: np.ndarray, records: Records, scene: Scene) -> dict[str, float
     """The errors that the head of this file defines."""
     b, center = reference(times[1:])
     return {
-        "b": float(np.max(np.abs(records["b"][1:] / b - 1.0))),
+        "b": float(np.max(np.abs(records["b"][1:] / records["b"][0] / (b / RADIUS) - 1.0))),
         "center_pressure": float(np.max(np.abs(records["center"][1:] / center - 1.0))),
         "energy": float(records["energy"][-1] / records["energy"][0] - 1.0),
     }
@@ -99,6 +109,7 @@ CASE = Case(
     end=float(TIMES[-1]),
     observe=observe,
     errors=errors,
-    target={20: {"b": 0.02}},
+    target={20: {"b": 0.001, "center_pressure": 0.08, "energy": 0.004}, 40: {"energy": 0.001}, 80: {"energy": 4e-4}},
     goal={40: {"b": 0.0015, "center_pressure": 0.1, "energy": 0.005}},
+    scheme=FIDELITIES["accurate"],
 )

@@ -93,7 +93,7 @@ def step_errors(times: np.ndarray, records: Records, scene: Scene) -> dict[str, 
 ARCH = Case(
     name="heat",
     title="Heat between two walls, from an arch and from a step",
-    resolutions={2: (20, 40, 80), 3: (20, 40)},
+    resolutions={2: (20, 40, 80), 3: (10, 20, 40)},
     scene=arch_scene,
     times=TIME_UNIT * TIMES,
     end=TIME_UNIT * float(TIMES[-1]),
@@ -104,6 +104,6 @@ STEP = dataclasses.replace(ARCH, scene=step_scene, errors=step_errors)
 CASE = dataclasses.replace(
     ARCH,
     parts={"arch": ARCH, "step": STEP},
-    target={40: {"arch": 0.001, "step": 0.001}},
+    target={20: {"arch": 0.001, "step": 0.004}, 40: {"arch": 2e-4, "step": 9e-4}, 80: {"step": 3e-4}},
     goal={40: {"arch": 0.002, "step": 0.002}},
 )

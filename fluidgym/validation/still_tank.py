@@ -10,8 +10,10 @@ Reference: p = rho g (H - y).
 
 Errors, those of the last quarter of a run unless said otherwise:
     pressure: root mean square over particles and instants of p - p_ref, over rho g H.
-    speed: root mean square speed over sqrt(gH).
-    growth: the speed, over that of the second quarter of the run: at most 1 where motion does not grow.
+    early_speed: root mean square speed over sqrt(gH), of the last quarter of the first 20 sqrt(H/g) or of a shorter
+        run. The lattice gives way in this time, and the water is not still yet.
+    speed: likewise, of the last quarter of a full run; others do not have it.
+    growth: root mean square speed, over that of the second quarter of the run: at most 1 where motion does not grow.
     depth: mean of twice the height of the centre of mass, over its value at the start, less 1.
 """
 
@@ -29,6 +31,7 @@ WIDTH = {2: 1.0, 3: 0.45}  # [m]
 GRAVITY = 9.81  # [m/s2]
 JITTER = 0.02  # over the spacing
 TIME_UNIT = math.sqrt(DEPTH / GRAVITY)  # [s]
+EARLY, LATE = 20.0, 100.0  # when a run ends, and a full one, over sqrt(H/g)
 
 
 def scene(resolution: int, dim: int) -> Scene:
@@ -59,12 +62,15 @@ def observe(solver: Solver) -> dict[str, float]:
 
 def errors(times: np.ndarray, records: Records, scene: Scene) -> dict[str, float]:
     """The errors that the head of this file defines."""
-    second = (times > 0.25 * times[-1]) & (times <= 0.5 * times[-1])
-    last = times > 0.75 * times[-1]
+    end = times[-1]
+    early = min(end, EARLY * TIME_UNIT * (1.0 + 1e-6))
+    second = (times > 0.25 * end) & (times <= 0.5 * end)
+    last = times > 0.75 * end
     speed = rms(records["speed"][last])
     return {
         "pressure": rms(records["pressure"][last]),
-        "speed": speed,
+        "early_speed": rms(records["speed"][(times > 0.75 * early) & (times <= early)]),
+        **({"speed": speed} if end > LATE * TIME_UNIT * (1.0 - 1e-6) else {}),
         "growth": speed / rms(records["speed"][second]),
         "depth": float(np.mean(records["depth"][last]) / records["depth"][0] - 1.0),
     }
@@ -73,12 +79,12 @@ def errors(times: np.ndarray, records: Records, scene: Scene) -> dict[str, float
 CASE = Case(
     name="still-tank",
     title="Still tank, pressure and unwanted motion",
-    resolutions={2: (20, 40, 80), 3: (20,)},
+    resolutions={2: (20, 40, 80), 3: (10, 20)},
     scene=scene,
-    times=TIME_UNIT * 0.25 * np.arange(1, 401),
-    end=20.0 * TIME_UNIT,
+    times=TIME_UNIT * 0.25 * np.arange(1, round(4.0 * LATE) + 1),
+    end=EARLY * TIME_UNIT,
     observe=observe,
     errors=errors,
-    target={20: {"pressure": 0.02, "growth": 1.0}},
+    target={20: {"pressure": 0.01, "early_speed": 0.004, "growth": 1.0, "depth": 0.0025}},
     goal={20: {"pressure": 0.01, "speed": 1e-3, "growth": 1.0, "depth": 0.005}},
 )
