@@ -161,6 +161,9 @@ def _add_validate(commands: argparse._SubParsersAction) -> None:
     parser.add_argument(
         "--limit", type=float, metavar="S", help="leave out runs that would take longer [s], by the coarser run before"
     )
+    parser.add_argument(
+        "--seeds", type=int, metavar="N", help="runs of each, from starts a little off, of which the mean counts"
+    )
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the results to this file as well")
     parser.add_argument("--markdown", type=Path, metavar="FILE", help="write them as a page, docs/validation.md")
     parser.add_argument("--strict", action="store_true", help="exit with status 1 when a target is missed")
@@ -172,13 +175,15 @@ def validate(chosen: argparse.Namespace) -> int:
     # Imported here so that help and other commands do not wait for it.
     from fluidgym.benchmark import machine
     from fluidgym.solver import find_device
-    from fluidgym.validation import CASES, observed_order, run
+    from fluidgym.validation import CASES, observed_order, run, run_seeds
     from fluidgym.validation.report import TABLE_HEAD, as_json, markdown, table_lines, write_json, write_page
     from fluidgym.work_precision import adapted, find_scheme
 
     try:
         plan = _plan(chosen, chosen.cases or list(CASES))
         named = find_scheme(chosen.scheme) if chosen.scheme else None
+        if chosen.seeds is not None and chosen.seeds < 1:
+            raise ValueError(f"--seeds {chosen.seeds} is below the limit 1; use 5, or leave it out")
         _check_file("--json", chosen.json)
         _check_file("--markdown", chosen.markdown)
         device = str(find_device(chosen.device))
@@ -208,7 +213,10 @@ def validate(chosen: argparse.Namespace) -> int:
                     continue
             try:
                 with tqdm(total=end, desc=label, bar_format=BAR, leave=False, disable=None) as bar:
-                    result = run(case, resolution, dim, device, end=end, progress=bar.update)
+                    if chosen.seeds:
+                        result = run_seeds(case, resolution, dim, device, end, chosen.seeds, bar.update)
+                    else:
+                        result = run(case, resolution, dim, device, end=end, progress=bar.update)
             except ValueError as error:
                 if not named:  # too few particles for the scene
                     return _refuse(f"{label}: {error}")
@@ -242,6 +250,7 @@ def _validate_command(chosen: argparse.Namespace) -> str:
     words += ["--device", chosen.device] if chosen.device else []
     words += ["--full"] if chosen.full else []
     words += ["--limit", f"{chosen.limit:g}"] if chosen.limit else []
+    words += ["--seeds", str(chosen.seeds)] if chosen.seeds else []
     return _page_command(["validate", *words], chosen.markdown)
 
 

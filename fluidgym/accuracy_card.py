@@ -27,7 +27,7 @@ import warp as wp
 from fluidgym.envs import Task
 from fluidgym.envs.fluid_env import FluidEnv
 from fluidgym.validation import CASES, Result, observed_order, run
-from fluidgym.validation.report import finite, markdown_table, write_page
+from fluidgym.validation.report import finite, known, markdown_table, write_page
 
 REPEATS = 3
 STEPS = 40  # of the environment in a repeat, unless its episode is shorter
@@ -146,9 +146,9 @@ class Card:
             ratio, order = self.error_ratio.get(name, math.nan), self.order.get(name, math.nan)
             kept = coarse.keeps(name, coarse.target)
             target = "" if kept is None else f"{coarse.target[name]:g} {'pass' if kept else 'MISS'}"
-            rows.append((name, _number(error), finer, _known(ratio, ".2f"), _known(order, ".1f"), target))
+            rows.append((name, _number(error), finer, known(ratio, ".2f"), known(order, ".1f"), target))
         times = f"{coarse.wall_s:.3g} s", f"{fine.wall_s:.3g} s" if fine else ""
-        return [*rows, ("run time", *times, _known(self.time_ratio, ".2f"), "", "")]
+        return [*rows, ("run time", *times, known(self.time_ratio, ".2f"), "", "")]
 
 
 _COLUMNS = "{:<22}{:<10}{:>6}{:>11}{:>7}{:>11}{:>13}{:>8}{:>9}   {:<14}{:<16}{:>10}{:>11}{:>7}{:>7}   {}"
@@ -174,10 +174,6 @@ TABLE_HEAD = _COLUMNS.format(
 
 def _number(value: float) -> str:
     return f"{value:.3g}" if math.isfinite(value) else "broke down"
-
-
-def _known(value: float, form: str) -> str:
-    return format(value, form) if math.isfinite(value) else ""
 
 
 # -- measuring -------------------------------------------------------------------------------------------------------

@@ -30,6 +30,9 @@ _NOZZLES: Any = Nozzles
 # How far a pair may approach in half a step, over h, and still be seen in the second sweep.
 SKIN = 0.1
 
+# Distance below which a kernel has a core, over the spacing: neighbours on a lattice are further off.
+CORE_RADIUS = 0.75
+
 # Accelerations are added up in fixed point, in units of c_0^2/h over this.
 FORCE_STEPS = float(1 << 20)
 
@@ -121,11 +124,12 @@ class Parameters:
         scene, scheme, p = self._scene, self._scheme, self.values
         dx, dim = scene.particle_spacing, scene.dim
         h = scheme.smoothing_length(dx, dim)
-        support, c_0 = scheme.kernel.support * h, p["sound_speed"]
+        kernel = scheme.kernel_in(dim)
+        support, c_0 = kernel.support * h, p["sound_speed"]
         # The fluid's own viscosity counts towards alpha; the artificial one makes up what is missing.
         own = 2 * (dim + 2) * p["viscosity"]
         # On a lattice the Laplacian of Morris is this much of the true one, which no refinement mends.
-        unit = 1.0 if scheme.preset == "mueller" else lattice_laplacian(scheme.kernel, h / dx, dim)
+        unit = 1.0 if scheme.preset == "mueller" else lattice_laplacian(kernel, h / dx, dim)
         return {
             "spacing": dx,
             "h": h,
@@ -134,13 +138,15 @@ class Parameters:
             "inv_h": 1.0 / h,
             "inv_h_volume": 1.0 / h**dim,
             "inv_h_slope": 1.0 / h ** (dim + 2),
+            "core": scheme.core_in(dim),
+            "inv_core_radius": 1.0 / (CORE_RADIUS * dx),
             "volume": dx**dim,
             "c_0": c_0,
             "inv_c_0_squared": 1.0 / c_0**2,
             "gamma": p["gamma"],
             "diffusion": 2.0 * p["density_diffusion"] * h * c_0,
             "damping": p["acoustic_damping"] * h / c_0,
-            "full_company": lattice_company(scheme.kernel, h / dx, dim),
+            "full_company": lattice_company(kernel, h / dx, dim),
             "artificial_viscosity": np.maximum(0.0, p["artificial_viscosity"] * h * c_0 - own),
             "viscosity": p["viscosity"] / unit,
             "viscosity_monaghan": own,
@@ -234,7 +240,7 @@ def make_structure(scene: Scene, scheme: Scheme, parameters: Parameters, forces:
         warm_faces=tuple(heat and face.temperature is not None for face in faces),
         density_terms=terms[0],
         force_terms=terms[1],
-        slope=scheme.kernel.slope(dim),
+        slope=scheme.kernel_in(dim).slope(dim, cored=scheme.core_in(dim) > 0.0),
         field=scheme.force_field(),
         integrator=scheme.steps,
         gravity=bool(np.any(scene.gravity_vector)) or bool(p["central_force"].any()),
@@ -248,7 +254,7 @@ def make_structure(scene: Scene, scheme: Scheme, parameters: Parameters, forces:
         round_pipes=tuple(dim == 3 and inflow.height is None for inflow in scene.inflows.values()),
         drains=len(scene.outflows),
         heat=heat,
-        shift=shift_term(scheme.kernel) if _is_shifted(scene, scheme) else None,
+        shift=shift_term(scheme.kernel_in(dim)) if _is_shifted(scene, scheme) else None,
         forces=forces,
         plain=plain,
     )
@@ -295,7 +301,7 @@ def check_box(scene: Scene, scheme: Scheme) -> None:
         ValueError: So it is.
     """
     h = scheme.smoothing_length(scene.particle_spacing, scene.dim)
-    support = scheme.kernel.support * h
+    support = scheme.kernel_in(scene.dim).support * h
     for axis, (low, high) in enumerate(zip(scene.lower, scene.upper, strict=True)):
         kinds = {scene.faces[name].kind for name in face_names(scene.dim)[2 * axis : 2 * axis + 2]}
         if kinds != {"open"} and high - low < support * (1.0 - 1e-6):
@@ -440,7 +446,7 @@ def make_drains(scene: Scene, scheme: Scheme, parameters: Parameters, device: wp
 def make_frozen(scene: Scene, scheme: Scheme, device: wp.Device) -> tuple[Any, Any]:
     """Layers of wall particles behind the walls of the box, in cells, and their grid."""
     dim, dx = scene.dim, scene.particle_spacing
-    support = scheme.kernel.support * scheme.smoothing_length(dx, dim)
+    support = scheme.kernel_in(dim).support * scheme.smoothing_length(dx, dim)
     layers = math.ceil(support / dx - 1e-6)
     frozen: Any = _FROZEN()
     names = face_names(dim)

@@ -82,7 +82,8 @@ class Fluid:
     Attributes:
         shape: Where it is: a Box, a Ball or a Region.
         velocity: One velocity [m/s] (dim,), or a function of points (n, dim) [m] -> (n, dim); None is at rest.
-        pressure: "hydrostatic" balances gravity below the top of the shape; "released" is that of a dam just gone: a
+        pressure: "hydrostatic" balances gravity below the top of the shape, and rows lie closer at the bottom, by what
+            that pressure compresses the fluid (`Scene.sample`); "released" is that of a dam just gone: a
             Box on the floor, held by the wall x_min and free at its upper x and on top; "none" starts at zero; a
             function gives it at points (n, dim) [m] -> (n,) [Pa].
         temperature: One, or a function of points (n, dim) [m] -> (n,). It counts where the material conducts heat.
@@ -208,7 +209,7 @@ class Inflow:
         max_speed: Largest that the control may ask for [m/s]; None is the speed at the start.
         profile: "uniform", or "parabolic" as of laminar flow: in two dimensions, between the sides of the height, or of
             a round pipe.
-        length: Of the pipe [m]; None is four particle spacings. At least the radius of the smoothing kernel.
+        length: Of the pipe [m]; None is five particle spacings. At least the radius of the smoothing kernel.
         temperature: Of what leaves it. It counts where the material conducts heat.
 
     Raises:
@@ -265,7 +266,7 @@ class Inflow:
 
     def pipe_length(self, spacing: float) -> float:
         """Length of the pipe [m], whole particle spacings [m]."""
-        return spacing * max(1, math.ceil((self.length or 4.0 * spacing) / spacing - 1e-6))
+        return spacing * max(1, math.ceil((self.length or 5.0 * spacing) / spacing - 1e-6))
 
     def rows(self, spacing: float) -> tuple[np.ndarray, np.ndarray]:
         """Rows of particles that fill the pipe, for a particle spacing [m].

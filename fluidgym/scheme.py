@@ -24,9 +24,10 @@ LIMITS = {
     "smoothing_ratio": (1.0, 3.0, "1.3 to 2"),
     "gamma": (1.0, 10.0, "7"),
     "density_diffusion": (0.0, 0.5, "0.1"),
-    "artificial_viscosity": (0.0, 1.0, "0.0005 to 0.01"),
-    "acoustic_damping": (0.0, 2.0, "0.5"),
+    "artificial_viscosity": (0.0, 1.0, "0.0003 to 0.01"),
+    "acoustic_damping": (0.0, 2.0, "0.7"),
     "shifting": (0.0, 4.0, "2.0"),
+    "core": (0.0, 4.0, "1.0"),
     "sound_speed_ratio": (LEAST_MACH_MARGIN, 1000.0, "10"),
     "courant": (1e-6, 2.0, "1.0"),
 }
@@ -41,7 +42,8 @@ class Scheme:
     Attributes:
         preset: "delta" advances the density by the continuity equation and has mirror-image walls; "mueller" sums it up
             with Poly6 and takes the forces of Mueller, Charypar & Gross (2003).
-        kernel: Smoothing kernel of the delta preset's terms and of `terms`.
+        kernel: Smoothing kernel of the delta preset's terms and of `terms`; None is WENDLAND_C4 in 2D and WENDLAND_C2
+            in 3D. Mueller has its own.
         smoothing_ratio: Smoothing length over particle spacing, h/dx; None is 2 in 2D and 1.5 in 3D, times the kernel's
             breadth, and 2 for mueller, whose kernels end at h.
         state_equation: Pressure from density, LINEAR or TAIT.
@@ -55,6 +57,9 @@ class Scheme:
         shifting: A of the particle shifting (shifting.py), which keeps particles from disorder in scenes that are and
             stay full of fluid (Scene.is_full) between mirror-image walls and periodic faces; elsewhere it would inflate
             the fluid and is left out. 0 leaves it out everywhere. Not of mueller.
+        core: How much steeper than the kernel the slope W' is where a pair comes close, at r = 0 and over the kernel's
+            own (smoothing.with_core); it keeps particles from merging where they have few neighbours. None is 1 in 2D,
+            and 0 in 3D, whose narrower kernel needs none; 0 leaves it out. Not of mueller.
         viscosity: Form of the fluid's own viscosity, VISCOSITY_MORRIS, VISCOSITY_MONAGHAN or KERNEL_VISCOSITY; None is
             the preset's. Left out where the fluid has none.
         integrator: KICK_DRIFT_KICK, LEAPFROG, SYMPLECTIC_EULER or EXPLICIT_EULER; None is KICK_DRIFT_KICK, and LEAPFROG
@@ -70,15 +75,16 @@ class Scheme:
     """
 
     preset: Literal["delta", "mueller"] = "delta"
-    kernel: SmoothingKernel = WENDLAND_C2
+    kernel: SmoothingKernel | None = None
     smoothing_ratio: float | None = None
     state_equation: StateEquation = LINEAR
     gamma: float = 7.0
     tension: bool | None = None
     density_diffusion: float = 0.1
-    artificial_viscosity: float = 0.0005
-    acoustic_damping: float = 0.5
+    artificial_viscosity: float = 0.0003
+    acoustic_damping: float = 0.7
     shifting: float = 2.0
+    core: float | None = None
     viscosity: Force | Drag | None = None
     integrator: Integrator | None = None
     walls: WallModel = MIRROR_WALLS
@@ -90,7 +96,7 @@ class Scheme:
         check_choice("Scheme.preset", self.preset, PRESETS, " or ".join(map(repr, PRESETS)))
         mueller = self.preset == "mueller"
         kinds = {
-            "kernel": (SmoothingKernel, "a SmoothingKernel", "WENDLAND_C2"),
+            "kernel": ((SmoothingKernel, NoneType), "a SmoothingKernel", "WENDLAND_C2"),
             "state_equation": (StateEquation, "a StateEquation", "LINEAR or TAIT"),
             "viscosity": ((Force, Drag, NoneType), "a Force or Drag", "VISCOSITY_MORRIS or VISCOSITY_MONAGHAN"),
             "integrator": ((Integrator, NoneType), "an Integrator", "KICK_DRIFT_KICK or LEAPFROG"),
@@ -109,10 +115,8 @@ class Scheme:
         for name, value in defaults.items():
             if getattr(self, name) is None:
                 object.__setattr__(self, name, value)
-        if mueller and self.kernel is WENDLAND_C2:
-            object.__setattr__(self, "kernel", POLY6)
         for name, (low, high, advice) in LIMITS.items():
-            if name == "smoothing_ratio" and self.smoothing_ratio is None:
+            if name in ("smoothing_ratio", "core") and getattr(self, name) is None:
                 continue
             check_range(f"Scheme.{name}", getattr(self, name), low, high, advice)
         for index, term in enumerate(self.terms):
@@ -127,7 +131,7 @@ class Scheme:
                 f"Scheme.integrator = {self.integrator.name} moves particles after their density is summed up; use"
                 " LEAPFROG, SYMPLECTIC_EULER or EXPLICIT_EULER with the preset 'mueller'"
             )
-        if self.preset == "mueller" and self.kernel is not POLY6:
+        if self.preset == "mueller" and self.kernel is not None and self.kernel is not POLY6:
             raise ValueError(
                 f"Scheme.kernel = {self.kernel.name} is of no effect on the preset 'mueller'; leave it out"
             )
@@ -137,9 +141,21 @@ class Scheme:
         if self.preset == "delta" and any(term.reads_density for term in forces):
             raise ValueError("Scheme.viscosity = KERNEL_VISCOSITY needs the preset 'mueller'; use VISCOSITY_MORRIS")
 
+    def kernel_in(self, dim: int) -> SmoothingKernel:
+        """The smoothing kernel in a number of dimensions."""
+        if self.preset == "mueller":
+            return POLY6
+        return self.kernel or {2: WENDLAND_C4, 3: WENDLAND_C2}[dim]
+
+    def core_in(self, dim: int) -> float:
+        """The core of the smoothing kernel in a number of dimensions; 0 is none."""
+        if self.preset == "mueller":
+            return 0.0
+        return {2: 1.0, 3: 0.0}[dim] if self.core is None else self.core
+
     def smoothing_length(self, spacing: float, dim: int) -> float:
         """Smoothing length h [m] for a particle spacing [m]."""
-        usual = 2.0 if self.preset == "mueller" else {2: 2.0, 3: 1.5}[dim] * self.kernel.breadth
+        usual = 2.0 if self.preset == "mueller" else {2: 2.0, 3: 1.5}[dim] * self.kernel_in(dim).breadth
         return spacing * (self.smoothing_ratio or usual)
 
     @property
@@ -232,7 +248,7 @@ MUELLER = Scheme(preset="mueller", walls=PenaltyWalls(), artificial_viscosity=0.
 
 # Named trade-offs between run time and error; environments, scene files and the command line take them by these names.
 FIDELITIES: dict[str, Scheme] = {
-    "fast": Scheme(sound_speed_ratio=7.0),
+    "fast": Scheme(sound_speed_ratio=7.0, acoustic_damping=0.5),
     "balanced": DEFAULT_SCHEME,
-    "accurate": Scheme(kernel=WENDLAND_C4, artificial_viscosity=0.0002),
+    "accurate": Scheme(acoustic_damping=1.0),
 }

@@ -485,11 +485,11 @@ def fed_by_the_jet(series):
     ramp = np.minimum(since, 0.1)
     made = width * speed * (5.0 * ramp**2 + since - ramp)  # [m2]
     assert series["emitted"] * spacing**2 == pytest.approx(made, abs=1.01 * width * spacing)
-    assert (series["particles"] == 4 * rows + series["emitted"] - series["retired"]).all()
+    assert (series["particles"] == 5 * rows + series["emitted"] - series["retired"]).all()
     # Until it meets the bucket each part keeps the speed with which it left the pipe, and falls.
     at = np.searchsorted(t, 0.36)
     squares = speed**2 * (100.0 * ramp**3 / 3.0 + since - ramp)
-    assert series["momentum_x"][at] == pytest.approx(1000.0 * width * (squares[at] + 4 * spacing * speed), rel=0.05)
+    assert series["momentum_x"][at] == pytest.approx(1000.0 * width * (squares[at] + 5 * spacing * speed), rel=0.05)
     assert 1.0 < series["center_of_mass_x"][-1] < 1.4  # most of it is over or in the bucket
 
 

@@ -68,7 +68,7 @@ def test_everything_is_drawn_where_it_is_now(solver, drawn):
     assert asked["faces"]["y_max"]["kind"] == "open"
     jet, shut = asked["inflows"]
     assert jet["center"] == pytest.approx([0.1, 0.8])
-    assert jet["length"] == pytest.approx(0.4)
+    assert jet["length"] == pytest.approx(0.5)
     assert (jet["on"], shut["on"]) == (True, False)
     assert asked["outflows"] == [{"name": "drain", "lower": (1.0, 0.0), "upper": (1.4, 0.1)}]
     assert (asked["time"], asked["title"]) == (0.2, "here")

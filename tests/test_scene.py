@@ -119,17 +119,69 @@ def test_velocity_is_a_constant_or_a_function_of_place():
 
 def test_hydrostatic_pressure_starts_at_zero_on_the_surface():
     fluid = Fluid(UNIT.shape, pressure="hydrostatic")
-    particles = make_scene(fluid=fluid, material=Material(density=900.0)).sample()
-    np.testing.assert_allclose(particles.pressure, 900.0 * 9.81 * (0.5 - particles.position[:, 1]), rtol=1e-12)
+    scene = make_scene(fluid=fluid, material=Material(density=900.0))
+    lattice, _ = scene.sample_motion()  # the weight of what lies above a particle is that on the lattice
+    np.testing.assert_allclose(scene.sample().pressure, 900.0 * 9.81 * (0.5 - lattice[:, 1]), rtol=1e-12)
 
 
 def test_hydrostatic_pressure_follows_gravity_to_the_side():
-    particles = make_scene(fluid=Fluid(UNIT.shape, pressure="hydrostatic"), gravity=(4.0, 0.0)).sample()
-    np.testing.assert_allclose(particles.pressure, 1000.0 * 4.0 * particles.position[:, 0], rtol=1e-12)
+    scene = make_scene(fluid=Fluid(UNIT.shape, pressure="hydrostatic"), gravity=(4.0, 0.0))
+    lattice, _ = scene.sample_motion()
+    np.testing.assert_allclose(scene.sample().pressure, 1000.0 * 4.0 * lattice[:, 0], rtol=1e-12)
 
 
 def test_hydrostatic_pressure_is_nothing_without_gravity():
     assert not make_scene(fluid=Fluid(UNIT.shape, pressure="hydrostatic"), gravity=0.0).sample().pressure.any()
+
+
+@pytest.mark.parametrize("gravity", [(0.0, -9.81), (0.0, 6.0), (4.0, 0.0)], ids=["down", "up", "to the side"])
+@pytest.mark.parametrize("jitter", [0.0, 0.2])
+def test_rows_of_a_hydrostatic_start_are_as_close_as_their_density(gravity, jitter):
+    fluid = Fluid(UNIT.shape, pressure="hydrostatic")
+    scene = make_scene(fluid=fluid, gravity=gravity, jitter=jitter, particle_spacing=0.025, reference_speed=2.5)
+    axis = int(np.flatnonzero(gravity)[0])
+    start, (lattice, velocity) = scene.sample(), scene.sample_motion()
+    shift = start.position - lattice
+    np.testing.assert_array_equal(shift[:, 1 - axis], 0.0)
+    np.testing.assert_array_equal(start.velocity, velocity)
+    # On the lattice, a particle to a row.
+    regular, _ = make_scene(fluid=fluid, particle_spacing=0.025).sample_motion()
+    rows, first = np.unique(regular[:, axis].round(9), return_index=True)
+    place, s = rows + shift[first, axis], start.pressure[first] / (1000.0 * scene.sound_speed**2)
+    assert np.ptp(s) > 0.003
+    share = 0.025 / np.diff(place) / (1.0 + 0.5 * (s[1:] + s[:-1]))
+    np.testing.assert_allclose(share / share.mean(), 1.0, atol=0.01 * np.ptp(s))
+    # Between the same ends.
+    height = (1.0, 0.5)[axis]
+    settled = np.polynomial.Polynomial.fit(rows, place, 2)
+    np.testing.assert_allclose(settled(rows), place, atol=1e-12)
+    np.testing.assert_allclose(settled(np.array([0.0, height])), [0.0, height], atol=1e-12)
+
+
+def test_rows_of_a_hydrostatic_start_in_three_dimensions_are_closer_at_the_bottom():
+    block = Fluid(Box((0.0, 0.0, 0.2), (0.4, 0.3, 0.8)), pressure="hydrostatic")
+    scene = make_scene(lower=(0.0, 0.0, 0.0), upper=(1.0, 1.0, 1.0), fluid=block)
+    shift = scene.sample().position - scene.sample_motion()[0]
+    assert not shift[:, :2].any()
+    z = scene.sample_motion()[0][:, 2]
+    expected = -0.5 * 9.81 / scene.sound_speed**2 * (z - 0.2) * (0.8 - z)
+    np.testing.assert_allclose(shift[:, 2], expected, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"fluid": UNIT},
+        {"fluid": Fluid(UNIT.shape, pressure="released")},
+        {"fluid": Fluid(UNIT.shape, pressure=lambda x: 9810.0 * (0.5 - x[:, 1]))},
+        {"fluid": Fluid(UNIT.shape, pressure="hydrostatic"), "gravity": (1.0, -9.81)},
+        {"fluid": Fluid(UNIT.shape, pressure="hydrostatic"), "gravity": 0.0},
+    ],
+    ids=["none", "released", "a function", "tilted gravity", "no gravity"],
+)
+def test_any_other_start_is_on_the_lattice(changes):
+    scene = make_scene(**changes)
+    np.testing.assert_array_equal(scene.sample().position, scene.sample_motion()[0])
 
 
 def test_pressure_of_a_released_dam_solves_its_equation():

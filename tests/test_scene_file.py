@@ -109,6 +109,7 @@ artificial_viscosity = 0.02
 acoustic_damping = 0.4
 sound_speed_ratio = 12.0
 shifting = 0.5
+core = 0.75
 viscosity = "monaghan"
 integrator = "leapfrog"
 walls = {kind = "penalty", stiffness = 0.4, margin = 0.9}
@@ -197,6 +198,7 @@ FULL_EXPERIMENT = Experiment(
         acoustic_damping=0.4,
         sound_speed_ratio=12.0,
         shifting=0.5,
+        core=0.75,
         viscosity=VISCOSITY_MONAGHAN,
         integrator=LEAPFROG,
         walls=PenaltyWalls(0.4, 0.9),

@@ -8,12 +8,12 @@ import pytest
 import warp as wp
 
 from fluidgym.scene import Box, Fluid, Material, Scene
-from fluidgym.scheme import DEFAULT_SCHEME, FIDELITIES, Scheme
+from fluidgym.scheme import DEFAULT_SCHEME, FIDELITIES, MUELLER, Scheme
 from fluidgym.solver import Solver
 from fluidgym.sph.constants import Constants
 from fluidgym.sph.continuity import DENSITY_DIFFUSION, DIVERGENCE
 from fluidgym.sph.pressure import PRESSURE_GRADIENT
-from fluidgym.sph.smoothing import WENDLAND_C4
+from fluidgym.sph.smoothing import CUBIC_SPLINE, POLY6, WENDLAND_C2, WENDLAND_C4
 from fluidgym.sph.terms import DensityRate, Force
 from fluidgym.sph.viscosity import ARTIFICIAL_VISCOSITY, VISCOSITY_MORRIS
 
@@ -35,10 +35,27 @@ def test_the_default_is_one_of_three_named_trade_offs():
 
 
 def test_smoothing_length_is_its_ratio_times_the_spacing():
-    assert DEFAULT_SCHEME.smoothing_length(0.1, 2) == pytest.approx(0.2)
+    assert DEFAULT_SCHEME.smoothing_length(0.1, 2) == pytest.approx(0.22)
     assert DEFAULT_SCHEME.smoothing_length(0.1, 3) == pytest.approx(0.15)
     assert Scheme(smoothing_ratio=2.5).smoothing_length(0.1, 3) == pytest.approx(0.25)
-    assert Scheme(kernel=WENDLAND_C4).smoothing_length(0.1, 2) == pytest.approx(0.24)  # it falls off sooner
+    assert Scheme(kernel=WENDLAND_C2).smoothing_length(0.1, 2) == pytest.approx(0.2)  # it falls off later
+    assert Scheme(kernel=WENDLAND_C4).smoothing_length(0.1, 3) == pytest.approx(0.165)
+
+
+def test_kernel_is_the_one_named_or_that_of_the_dimension_or_of_mueller():
+    assert DEFAULT_SCHEME.kernel is None
+    assert [DEFAULT_SCHEME.kernel_in(dim) for dim in (2, 3)] == [WENDLAND_C4, WENDLAND_C2]
+    assert [Scheme(kernel=CUBIC_SPLINE).kernel_in(dim) for dim in (2, 3)] == [CUBIC_SPLINE] * 2
+    assert MUELLER.kernel is None
+    assert [MUELLER.kernel_in(dim) for dim in (2, 3)] == [POLY6] * 2
+
+
+def test_core_is_the_one_named_or_that_of_the_dimension_and_mueller_has_none():
+    assert DEFAULT_SCHEME.core is None
+    assert [DEFAULT_SCHEME.core_in(dim) for dim in (2, 3)] == [1.0, 0.0]
+    for core in (0.0, 0.5):
+        assert [Scheme(core=core).core_in(dim) for dim in (2, 3)] == [core] * 2
+    assert [MUELLER.core_in(dim) for dim in (2, 3)] == [0.0] * 2
 
 
 def test_terms_are_those_that_the_fields_imply():
@@ -89,7 +106,7 @@ def test_diffusion_of_density_limits_the_step_whatever_the_courant_number():
 def test_a_solver_takes_the_step_of_its_diffusion_and_damping(dim):
     fluid = Fluid(Box((0.0,) * dim, (0.5,) * dim))
     scene = Scene((0.0,) * dim, (1.0,) * dim, 0.05, fluid, gravity=0.0, reference_speed=1.0)
-    h = {2: 0.1, 3: 0.075}[dim]
+    h = {2: 0.11, 3: 0.075}[dim]
     for diffusion, damping in ((0.0, 0.0), (0.5, 0.0), (0.01, 1.0)):
         scheme = Scheme(density_diffusion=diffusion, acoustic_damping=damping, artificial_viscosity=0.0)
         expected = scheme.time_step(h, 10.0, 1.0, 0.0, 0.0, diffusion, damping)
@@ -117,9 +134,11 @@ def test_sound_speed_is_its_ratio_times_the_largest_speed_unless_the_material_ha
         ({"smoothing_ratio": 0.9}, "Scheme.smoothing_ratio = 0.9 is outside 1 to 3; use 1.3 to 2"),
         ({"gamma": 11.0}, "Scheme.gamma = 11 is outside 1 to 10; use 7"),
         ({"density_diffusion": -0.1}, "Scheme.density_diffusion = -0.1 is outside 0 to 0.5; use 0.1"),
-        ({"artificial_viscosity": 2.0}, "Scheme.artificial_viscosity = 2 is outside 0 to 1; use 0.0005 to 0.01"),
-        ({"acoustic_damping": 2.5}, "Scheme.acoustic_damping = 2.5 is outside 0 to 2; use 0.5"),
-        ({"acoustic_damping": -0.1}, "Scheme.acoustic_damping = -0.1 is outside 0 to 2; use 0.5"),
+        ({"artificial_viscosity": 2.0}, "Scheme.artificial_viscosity = 2 is outside 0 to 1; use 0.0003 to 0.01"),
+        ({"acoustic_damping": 2.5}, "Scheme.acoustic_damping = 2.5 is outside 0 to 2; use 0.7"),
+        ({"acoustic_damping": -0.1}, "Scheme.acoustic_damping = -0.1 is outside 0 to 2; use 0.7"),
+        ({"core": 4.5}, "Scheme.core = 4.5 is outside 0 to 4; use 1.0"),
+        ({"core": -0.5}, "Scheme.core = -0.5 is outside 0 to 4; use 1.0"),
         ({"sound_speed_ratio": 4.9}, "Scheme.sound_speed_ratio = 4.9 is outside 5 to 1000; use 10"),
         ({"sound_speed_ratio": 1001.0}, "Scheme.sound_speed_ratio = 1001 is outside 5 to 1000; use 10"),
         ({"sound_speed_ratio": None}, "Scheme.sound_speed_ratio = None is not a number; use 10"),

@@ -21,7 +21,7 @@ BASE = Scene(
     reference_speed=3.0,
 )
 FULL = Scene((0.0, 0.0), (1.0, 1.0), 0.05, [Fluid(Box((0.0, 0.0), (1.0, 1.0)))], reference_speed=3.0)
-BARE = Scheme(artificial_viscosity=0.0, density_diffusion=0.0, acoustic_damping=0.0)
+BARE = Scheme(artificial_viscosity=0.0, density_diffusion=0.0, acoustic_damping=0.0, core=0.0)
 DIFFUSIVE = dataclasses.replace(BARE, density_diffusion=0.1)
 
 
@@ -59,6 +59,11 @@ FEATURES = {
         BASE,
         dataclasses.replace(BARE, acoustic_damping=0.5),
         {"advance_density": [").damping"]},
+    ),
+    "core": (
+        BASE,
+        dataclasses.replace(BARE, core=1.0),
+        {"advance_density": ["cored_slope", ").core"], "kick": ["cored_slope", ").core"]},
     ),
     "no-slip wall": (scene(faces={"y_min": NO_SLIP_WALL, "x_max": OPEN}), BARE, {"kick": ["S1 * x1"]}),
     "body": (
@@ -122,6 +127,12 @@ def test_only_a_scene_with_a_feature_has_code_for_it(feature, folder):
         for word in words:
             assert word in with_it[kernel], f"{word} in {kernel}"
             assert word not in base[kernel], f"{word} in {kernel} of the base scene"
+
+
+def test_mueller_has_no_core(folder):
+    assert Scheme().core_in(2) > MUELLER.core_in(2) == 0.0
+    for kernel, words in FEATURES["core"][2].items():
+        assert not any(word in sources("mueller", folder)[kernel] for word in words)
 
 
 def test_a_full_box_leans_on_no_accelerations(folder):

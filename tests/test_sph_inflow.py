@@ -42,17 +42,17 @@ def test_nozzle_emits_what_its_speed_asks_for(dim, device):
     scene = jet(dim)
     solver = Solver(scene, device=device)
     rows = len(scene.inflows["jet"].rows(scene.particle_spacing)[0])
-    assert solver.account().started == 4 * rows  # the pipe is full
+    assert solver.account().started == 5 * rows  # the pipe is full
     solver.advance(0.5)
     account = check_ledger(solver)
     # Each row has moved 1 m, from half a spacing on.
     assert account.emitted == rows * int(1.0 / scene.particle_spacing + 0.5 + 1e-4)
     assert account.refused == 0
     particles = solver.particles()
-    fresh = particles.position[:, 0] < 0.2 + 6 * scene.particle_spacing
+    fresh = particles.position[:, 0] < 0.2 + 7 * scene.particle_spacing
     np.testing.assert_allclose(particles.velocity[fresh, 0], 2.0, rtol=0.05)
     # Free flight: the front of the jet has fallen as a stone does.
-    flown = particles.position[:, 0].max() - 0.2 - 4 * scene.particle_spacing
+    flown = particles.position[:, 0].max() - 0.2 - 5 * scene.particle_spacing
     lowest = particles.position[particles.position[:, 0] > particles.position[:, 0].max() - DX, -1].mean()
     assert 1.0 - lowest == pytest.approx(0.5 * 9.81 * (flown / 2.0) ** 2, abs=0.1)
 
@@ -222,7 +222,7 @@ def test_warm_jet_brings_its_warmth(device):
         ),
         (
             lambda: Scene((0.0, 0.0), (1.0, 1.0), DX, [], inflows={"jet": Inflow((0.95, 0.5), (1.0, 0.0), 0.2, 1.0)}),
-            "Scene.inflows['jet'] pipe spans x = 0.9625 to 1.0375 m, outside the box 0 to 1 m;"
+            "Scene.inflows['jet'] pipe spans x = 0.9625 to 1.0625 m, outside the box 0 to 1 m;"
             " move it or enlarge the box",
         ),
         (
@@ -231,7 +231,7 @@ def test_warm_jet_brings_its_warmth(device):
         ),
         (
             lambda: Solver(jet(2, length=0.03), device="cpu"),
-            "Scene.inflows['jet'].length = 0.05 m is below the smoothing support 0.1 m; use a longer pipe, or None",
+            "Scene.inflows['jet'].length = 0.05 m is below the smoothing support 0.11 m; use a longer pipe, or None",
         ),
     ],
 )

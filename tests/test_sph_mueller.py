@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.polynomial import Polynomial
 
-from fluidgym.layout import lattice_laplacian
+from fluidgym.layout import CORE_RADIUS, lattice_laplacian
 from fluidgym.scene import OPEN, PERIODIC, Box, Face, Fluid, Material, Particles, Scene, face_names
 from fluidgym.scheme import DEFAULT_SCHEME, MUELLER, Scheme
 from fluidgym.solver import Solver
@@ -19,7 +19,7 @@ from fluidgym.sph.wall_models import ClampWalls, FrozenWalls, PenaltyWalls
 
 DX = 0.125
 GAMMA = 7.0
-DELTA, ALPHA, DAMPING = 0.1, 0.0005, 0.5  # of the delta preset
+DELTA, ALPHA, DAMPING, CORE = 0.1, 0.0003, 0.7, {2: 1.0, 3: 0.0}  # of the delta preset
 
 
 # -- the reference ---------------------------------------------------------------------------------------------------
@@ -156,10 +156,11 @@ class DeltaReference(Reference):
     """The delta preset with any kernel."""
 
     def slope(self, r):
-        """W'(r)/r, with its limit at 0."""
-        kernel, safe = KERNELS[self.scheme.kernel.name], np.where(r > 0.0, r, 1.0)
+        """W'(r)/r, with its limit at 0 and its core."""
+        kernel, safe = KERNELS[self.scheme.kernel_in(self.dim).name], np.where(r > 0.0, r, 1.0)
         at_zero = kernel(np.zeros(1), self.h, self.dim, derivative=2)[0]
-        return np.where(r > 0.0, kernel(r, self.h, self.dim, derivative=1) / safe, at_zero)
+        core = CORE[self.dim] * np.maximum(1.0 - r / (CORE_RADIUS * DX), 0.0)
+        return (1.0 + core) * np.where(r > 0.0, kernel(r, self.h, self.dim, derivative=1) / safe, at_zero)
 
     def density_sweep(self, now):
         """ds/dt, and the company of each particle: all of it over that of a lattice, and that of other particles.
@@ -203,7 +204,7 @@ class DeltaReference(Reference):
         ):
             force = -(self.c_0**2) * (P[:, None] + P_j[None])
             force += K * (x * u).sum(axis=2) / (r**2 + 0.01 * self.h**2)
-            nu = nu / lattice_laplacian(self.scheme.kernel, self.h / DX, self.dim)
+            nu = nu / lattice_laplacian(self.scheme.kernel_in(self.dim), self.h / DX, self.dim)
             a += self.V * (self.slope(r)[:, :, None] * (force[:, :, None] * x + 2.0 * nu * u)).sum(axis=1)
         return a
 
@@ -541,7 +542,7 @@ def frozen_lattice(scene, layers):
 
 FROZEN = {
     "mueller": (replace(MUELLER, walls=FrozenWalls()), MuellerReference, {2: 2, 3: 2}),
-    "delta": (Scheme(walls=FrozenWalls()), DeltaReference, {2: 4, 3: 3}),
+    "delta": (Scheme(walls=FrozenWalls()), DeltaReference, {2: 5, 3: 3}),
 }
 
 

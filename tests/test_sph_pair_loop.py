@@ -56,7 +56,7 @@ def sum_both(solver, terms, force, tilted, signed, leaning, device):
     (loop, slot, component)
     """
     dim, slots = solver.scene.dim, 2 * solver.capacity
-    slope = DEFAULT_SCHEME.kernel.slope(dim)
+    slope = DEFAULT_SCHEME.kernel_in(dim).slope(dim, cored=DEFAULT_SCHEME.core_in(dim) > 0.0)
     native, emit_terms = make_pair_loop(dim, terms, slope, force, tilted, signed, leaning=leaning)
     plain, _ = make_pair_loop(dim, terms, slope, force, tilted, signed, plain=True, leaning=leaning)
     vec = wp.types.vector(dim, wp.float32)

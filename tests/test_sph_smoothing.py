@@ -6,29 +6,30 @@ import numpy as np
 import pytest
 import warp as wp
 
-from fluidgym.layout import lattice_laplacian
+from fluidgym.layout import CORE_RADIUS, lattice_laplacian
 from fluidgym.scheme import DEFAULT_SCHEME
 from fluidgym.sph import smoothing
 from fluidgym.sph.constants import Constants
 
 KERNELS = [kernel for kernel in vars(smoothing).values() if isinstance(kernel, smoothing.SmoothingKernel)]
-H = 0.7
+H, DX = 0.7, 0.35
 
 each_kernel = pytest.mark.parametrize("kernel", KERNELS, ids=lambda kernel: kernel.name)
 each_dim = pytest.mark.parametrize("dim", [2, 3])
 
 
-def make_constants(kernel, dim, h=H):
+def make_constants(kernel, dim, h=H, core=0.0):
     """The constants that a smoothing kernel reads."""
     c = Constants()
+    c.core, c.inv_core_radius = core, 1.0 / (CORE_RADIUS * DX)
     c.h, c.support = h, kernel.support * h
     c.inv_h, c.inv_h_volume, c.inv_h_slope = 1.0 / h, 1.0 / h**dim, 1.0 / h ** (dim + 2)
     return c
 
 
-def evaluate(kernel, r, dim, h=H):
-    """W(r) and W'(r)/r as the device computes them, each of the shape of r, in double precision."""
-    value, slope = kernel.value(dim), kernel.slope(dim)
+def evaluate(kernel, r, dim, h=H, core=None):
+    """W(r) and W'(r)/r as the device computes them, each of the shape of r, in double precision; cored if so given."""
+    value, slope = kernel.value(dim), kernel.slope(dim, cored=core is not None)
 
     @wp.kernel(module="unique", enable_backward=False)
     def both(r: wp.array[float], c: Constants, W: wp.array[float], dW: wp.array[float]):
@@ -38,13 +39,14 @@ def evaluate(kernel, r, dim, h=H):
 
     flat = np.asarray(r, np.float32).ravel()
     W, dW = (wp.zeros(flat.size, dtype=float, device="cpu") for _ in range(2))
-    wp.launch(both, flat.size, [wp.array(flat, device="cpu"), make_constants(kernel, dim, h)], [W, dW], device="cpu")
+    c = make_constants(kernel, dim, h, core or 0.0)
+    wp.launch(both, flat.size, [wp.array(flat, device="cpu"), c], [W, dW], device="cpu")
     return W.numpy().astype(float).reshape(np.shape(r)), dW.numpy().astype(float).reshape(np.shape(r))
 
 
 def test_there_is_a_kernel():
     assert KERNELS
-    assert DEFAULT_SCHEME.kernel in KERNELS
+    assert all(DEFAULT_SCHEME.kernel_in(dim) in KERNELS for dim in (2, 3))
 
 
 @each_dim
@@ -99,6 +101,18 @@ def test_kernel_is_nothing_beyond_its_support_and_finite_at_its_centre(kernel, d
 
 
 @each_dim
+@each_kernel
+def test_core_steepens_the_slope_of_close_pairs_and_of_no_others(kernel, dim):
+    close, beyond = np.linspace(0.0, 0.75, 21) * DX, np.linspace(0.75 * DX, 2.0 * H, 40)
+    (W, near), (_, far) = (evaluate(kernel, r, dim) for r in (close, beyond))
+    for core in (0.5, 1.0, 4.0):
+        cored_W, cored = evaluate(kernel, close, dim, core=core)
+        np.testing.assert_array_equal(cored_W, W)
+        np.testing.assert_allclose(cored / near, 1.0 + core * np.linspace(1.0, 0.0, 21), rtol=1e-6)
+        np.testing.assert_allclose(evaluate(kernel, beyond, dim, core=core)[1], far, rtol=1e-6)
+
+
+@each_dim
 @pytest.mark.parametrize("ratio", [1.3, 1.5, 2.0])
 def test_lattice_constant_makes_the_laplacian_of_a_parabola_exact(dim, ratio):
     # sum 2 V (f_i - f_j) W'/r of f = x^2 on a lattice is k times its Laplacian, 2.
@@ -113,7 +127,7 @@ def test_lattice_constant_makes_the_laplacian_of_a_parabola_exact(dim, ratio):
 
 @each_dim
 def test_volumes_of_a_lattice_add_up_to_one_within_a_percent(dim):
-    kernel = DEFAULT_SCHEME.kernel
+    kernel = DEFAULT_SCHEME.kernel_in(dim)
     dx = 0.1
     h = DEFAULT_SCHEME.smoothing_length(dx, dim)
     line = np.arange(-4, 5) * dx

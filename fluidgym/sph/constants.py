@@ -15,6 +15,8 @@ class Constants:
     inv_h: float  # [1/m]
     inv_h_volume: float  # 1 / h^dim [1/m^dim]
     inv_h_slope: float  # 1 / h^(dim+2) [1/m^(dim+2)]
+    core: float  # how much steeper W' is at r = 0 than the kernel's, over that
+    inv_core_radius: float  # 1 over the distance below which it is steeper [1/m]
     volume: float  # rest volume of a particle, dx^dim [m^dim]
     c_0: float  # speed of sound [m/s]
     inv_c_0_squared: float  # [s2/m2]

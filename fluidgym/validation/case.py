@@ -21,6 +21,9 @@ Records = dict[str, np.ndarray]
 # Steps handed to the solver at once: long enough that handing over costs nothing, short enough for a live progress bar.
 STEPS_AT_ONCE = 16
 
+# Shift of start positions, over the spacing, of runs that are to differ by chance alone: no flow feels as little.
+SHAKE = 0.01
+
 # The same where a case drives the controls, which change linearly over each such piece: short, so as to follow a sine.
 STEPS_DRIVEN = 4
 
@@ -78,11 +81,13 @@ class Result:
         wall_s: Time of the steps alone [s].
         setup_s: Time to make the solver, compile its kernels and run the first of them [s].
         device: Name of the Warp device.
-        errors: By name; nan is a run that broke down.
+        errors: By name; nan is a run that broke down. The mean, where there are several runs.
         target: Limits the run must keep, by name of the error; some errors have none.
         goal: Limits to strive for.
         times: Instants of the records [s], (n,).
-        records: What was observed, by name, (n, ...).
+        records: What was observed, by name, (n, ...); of the first run.
+        seeds: Number of runs.
+        spread: Standard deviation of each error over the runs; empty for one.
     """
 
     case: str
@@ -98,6 +103,8 @@ class Result:
     goal: dict[str, float]
     times: np.ndarray = field(repr=False)
     records: Records = field(repr=False)
+    seeds: int = 1
+    spread: dict[str, float] = field(default_factory=dict)
 
     @property
     def passed(self) -> bool | None:
@@ -180,6 +187,59 @@ def run(
         times=times,
         records=records,
     )
+
+
+def run_seeds(
+    case: Case,
+    resolution: int,
+    dim: int = 2,
+    device: str | None = None,
+    end: float | None = None,
+    seeds: int = 2,
+    progress: Callable[[float], object] = lambda duration: None,
+) -> Result:
+    """Run a case several times, each from a start of its own that is off the case's by a hundredth of the spacing.
+
+    Where water breaks and strikes, errors differ by chance from run to run; their mean and spread do not.
+
+    Args:
+        case: The case.
+        resolution: As the case counts it.
+        dim: 2 or 3.
+        device: Warp device; None takes a GPU where there is one.
+        end: Latest instant to observe [s]; None is the case's own end.
+        seeds: Number of runs.
+        progress: Called with every further piece of simulated time [s], over the number of runs.
+
+    Returns:
+        Mean errors and their spread, the median of the times, and what else the first run has.
+
+    Raises:
+        ValueError: As of `run`.
+    """
+    results = [
+        run(shaken(case, seed), resolution, dim, device, end, progress=lambda duration: progress(duration / seeds))
+        for seed in range(seeds)
+    ]
+    errors = {name: np.array([result.errors[name] for result in results]) for name in results[0].errors}
+    return replace(
+        results[0],
+        wall_s=float(np.median([result.wall_s for result in results])),
+        setup_s=sum(result.setup_s for result in results),
+        errors={name: float(values.mean()) for name, values in errors.items()},
+        seeds=seeds,
+        spread={name: float(values.std(ddof=1)) for name, values in errors.items()} if seeds > 1 else {},
+    )
+
+
+def shaken(case: Case, seed: int) -> Case:
+    """A case whose start is off its own by a hundredth of the spacing, at random; more where it is so already."""
+
+    def scene(resolution: int, dim: int) -> Scene:
+        still = case.scene(resolution, dim)
+        return replace(still, jitter=max(still.jitter, SHAKE), seed=seed)
+
+    return replace(case, scene=scene, parts={name: shaken(part, seed) for name, part in case.parts.items()})
 
 
 def _joined(case: Case, parts: Mapping[str, Result]) -> Result:

@@ -14,9 +14,9 @@ from fluidgym.files import replacing
 from fluidgym.scheme import DEFAULT_SCHEME, FIDELITIES
 from fluidgym.validation.case import Case, Result
 
-_COLUMNS = "{:<16}{:>4}{:>6}{:>11}{:>8}{:>9}   {:<16}{:>11}{:>7}   {:<17}{:<17}"
+_COLUMNS = "{:<16}{:>4}{:>6}{:>11}{:>8}{:>9}   {:<16}{:>11}{:>11}{:>7}   {:<17}{:<17}"
 TABLE_HEAD = _COLUMNS.format(
-    "case", "dim", "dx", "particles", "steps", "time", "error", "value", "order", "target", "goal"
+    "case", "dim", "dx", "particles", "steps", "time", "error", "value", "spread", "order", "target", "goal"
 ).rstrip()
 
 
@@ -47,12 +47,18 @@ def _rows(found: Mapping[str, Any]) -> list[tuple[str, ...]]:
                 *(("",) * len(head) if rows else head),
                 name,
                 "nan" if value is None else f"{value:.3g}",
-                "" if order is None or math.isnan(order) else f"{order:.1f}",
+                known(found.get("spread", {}).get(name), ".2g"),
+                known(order, ".1f"),
                 _verdict(value, found["target"].get(name), ("pass", "MISS")),
                 _verdict(value, found["goal"].get(name), ("met", "not met")),
             )
         )
     return rows
+
+
+def known(value: float | None, form: str) -> str:
+    """A number as text; nothing where it is not known."""
+    return "" if value is None or not math.isfinite(value) else f"{value:{form}}"
 
 
 def _verdict(value: float | None, limit: float | None, words: tuple[str, str]) -> str:
@@ -65,6 +71,7 @@ def as_json(result: Result, order: Mapping[str, float]) -> dict[str, Any]:
     """A run as an object of plain values; a number that is not finite is null."""
     names = ("case", "resolution", "dim", "particles", "steps", "wall_s", "setup_s", "device", "errors", "target")
     found = {name: getattr(result, name) for name in names}
+    found |= {"seeds": result.seeds, "spread": result.spread} if result.seeds > 1 else {}
     found |= {"goal": result.goal, "order": dict(order), "passed": result.passed, "times": result.times.tolist()}
     found["records"] = {name: values.tolist() for name, values in result.records.items()}
     return finite(found)
@@ -92,6 +99,8 @@ and the reference of a case are, what its errors mean, and where they come from.
 length of the case. "Order" is the exponent of the particle spacing that an error follows from the resolution before.
 "Target" is what a run has to keep, and the tests see to it that it does; "goal" is what is striven for, most of it at
 the finer resolutions only. Times are of a single run, without compiling; other work on the machine lengthens them.
+With `--seeds`, "value" is the mean of so many runs whose starts differ by a hundredth of the spacing, and "spread" the
+standard deviation of one.
 """
 
 
@@ -119,7 +128,7 @@ def markdown(
         runs = list(runs)
         rows = [row for run in runs for row in _rows(run)]
         table = markdown_table(
-            ("", "dx", "particles", "steps", "time", "error", "value", "order", "target", "goal"), rows
+            ("", "dx", "particles", "steps", "time", "error", "value", "spread", "order", "target", "goal"), rows
         )
         about = f"{cases[name].title}. {_scheme(cases[name], runs[0].get('scheme'))}"
         text.append("\n".join([f"## {name}", "", about, "", *table, ""]))

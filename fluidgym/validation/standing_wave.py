@@ -66,7 +66,6 @@ from fluidgym.diagnostics import kinetic_energy
 from fluidgym.scene import Box, Fluid, Material, Scene
 from fluidgym.scheme import Scheme
 from fluidgym.solver import Solver
-from fluidgym.sph.smoothing import WENDLAND_C4
 from fluidgym.sph.viscosity import VISCOSITY_MONAGHAN
 from fluidgym.validation.case import Case, Records
 
@@ -91,22 +90,22 @@ HARMONICS = 4  # that are observed; from the third on they have 0.1 % of the ene
 # that lifts the water above, as if gravity were stronger by 1.3 % for the wave, and would make omega 0.7 % too high at
 # any resolution. Error of the period and loss over five periods at H/25 and H/50, with kernel, h/dx, alpha and delta:
 #     C2, 1.5, 0.01, 0.1 without acoustic damping   -0.3 %, 11.8 %    -0.5 %, 7.4 %
-#     C2, 2, 0.0005, 0.1 (the default)               0.6 %, 2.8 %     0.05 %, 1.4 %
+#     C2, 2, 0.0005, 0.1                             0.6 %, 2.8 %     0.05 %, 1.4 %
 #     C2, 2, 0, 0.02                                 0.6 %, 2.0 %     0.05 %, 1.1 %
-#     C4, 2.4, 0.0002, 0.1 (`accurate`)              1.1 %, 2.5 %      0.3 %, 0.8 %
+#     C4, 2.2, 0.0003, 0.1 and a core (the default)  0.8 %, 2.8 %      0.2 %, 1.0 %
+#     C4, 2.4, 0.0002, 0.1                           1.1 %, 2.5 %      0.3 %, 0.8 %
 #     C4, 2.4, 0, 0.02 (here)                        1.1 %, 1.4 %      0.3 %, 0.4 %
 # The acoustic damping makes no difference. Later on, when the lattice has dissolved, the wave loses more: over ten
-# periods 2.3 % and 0.8 %.
-SCHEME = Scheme(kernel=WENDLAND_C4, smoothing_ratio=2.4, artificial_viscosity=0.0, density_diffusion=0.02)
+# periods 2.3 % and 0.8 %, and 1.5 % at H/50 with the default.
+SCHEME = Scheme(smoothing_ratio=2.4, artificial_viscosity=0.0, density_diffusion=0.02, core=0.0)
 
 # The Laplacian of the velocity, which is the default, damps the wave at half the rate: where the surface is free, it
 # takes nu int |grad u|^2 from the energy in place of 2 nu int |D|^2, with D the symmetric part of grad u, as if half
 # of the stress were missing there (Colagrossi, Antuono, Souto-Iglesias & Le Touze 2011). Monaghan's form takes the
 # whole. The wave is half as long as that without viscosity, so a wide kernel slows it more: hence h = 2.1 dx. Damping
-# at Re 500 and 2500, and omega, are 1.7, 19 and 0.4 % off at H/50; with the default, but for this form, 2.7, 24 and
-# 0.2 %; with `accurate` 3.2, 24 and 0.9 %.
+# at Re 500 and 2500, and omega, are 1.7, 19 and 0.4 % off at H/50; with C2 at 2 dx, alpha = 0.0005 and
+# delta = 0.1, 2.7, 24 and 0.2 %.
 VISCOUS_SCHEME = Scheme(
-    kernel=WENDLAND_C4,
     smoothing_ratio=2.1,
     artificial_viscosity=0.0,
     density_diffusion=0.05,
