@@ -301,7 +301,7 @@ def front_of(scene, device, lift=None, until=0.75):
 
 def test_lifted_gate_lets_the_dam_break(device):
     """Within 3 % of the travel of the dam without a gate, after a delay shorter than the gate takes."""
-    spacing, speed = 1.0 / 40, 5.0
+    spacing, speed = 1.0 / 80, 5.0
     tank = dict(lower=(0.0, 0.0), upper=(5.366, 2.0), particle_spacing=spacing)
     water = Box((0.0, 0.0), (2.0, 1.0))
     free = Scene(fluid=[Fluid(water, pressure="released")], **tank)

@@ -37,7 +37,7 @@ def dam_break(dim, **changes):
     given = {
         "lower": (0.0,) * dim,
         "upper": (4.0, *middle, 2.0),
-        "particle_spacing": {2: 0.05, 3: 0.1}[dim],
+        "particle_spacing": {2: 0.05, 3: 1.0 / 16}[dim],
         "fluid": Fluid(Box((0.0,) * dim, (1.0, *middle, 1.0)), pressure="hydrostatic"),
     }
     return Scene(**(given | changes))

@@ -31,7 +31,7 @@ DIFFUSIVITY = 0.01  # [m2/s]
 TIME_UNIT = GAP**2 / DIFFUSIVITY  # [s]
 TIMES = np.array([0.02, 0.05, 0.1, 0.2, 0.5])  # tau
 SPEED = DIFFUSIVITY / GAP  # [m/s]; nothing moves, and sound of ten times this leaves the time step to heat
-THIN = 4  # particles across a periodic layer: its least width is the reach of the kernel
+THIN = 5  # particles across a periodic layer: its least width is the reach of the kernel
 
 
 def arch(z: np.ndarray, time: float) -> np.ndarray:
