@@ -31,7 +31,7 @@ DIFFUSIVITY = 0.01  # [m2/s]
 TIME_UNIT = GAP**2 / DIFFUSIVITY  # [s]
 TIMES = np.array([0.02, 0.05, 0.1, 0.2, 0.5])  # tau
 SPEED = DIFFUSIVITY / GAP  # [m/s]; nothing moves, and sound of ten times this leaves the time step to heat
-THIN = 5  # particles across a periodic layer: its least width is the reach of the kernel
+THIN = {2: 5, 3: 4}  # particles across a periodic layer: its least width is the reach of the kernel
 
 
 def arch(z: np.ndarray, time: float) -> np.ndarray:
@@ -47,7 +47,7 @@ def step(z: np.ndarray, time: float) -> np.ndarray:
 def layer(resolution: int, dim: int, upper: float, temperature: Any) -> Scene:
     """The fluid between its walls, the lower at 0 and the upper at a temperature."""
     spacing = GAP / resolution
-    across = THIN if dim == 3 else max(THIN, resolution // 4)
+    across = THIN[dim] if dim == 3 else max(THIN[dim], resolution // 4)
     size = (*(across * spacing,) * (dim - 1), GAP)
     axis = AXES[dim - 1]
     sides = dict.fromkeys(("x_min", "x_max", "y_min", "y_max"), PERIODIC) if dim == 3 else {}
