@@ -175,7 +175,7 @@ def validate(chosen: argparse.Namespace) -> int:
     # Imported here so that help and other commands do not wait for it.
     from fluidgym.benchmark import machine
     from fluidgym.solver import find_device
-    from fluidgym.validation import CASES, observed_order, run, run_seeds
+    from fluidgym.validation import CASES, observed_order, run
     from fluidgym.validation.report import TABLE_HEAD, as_json, markdown, table_lines, write_json, write_page
     from fluidgym.work_precision import adapted, find_scheme
 
@@ -213,10 +213,7 @@ def validate(chosen: argparse.Namespace) -> int:
                     continue
             try:
                 with tqdm(total=end, desc=label, bar_format=BAR, leave=False, disable=None) as bar:
-                    if chosen.seeds:
-                        result = run_seeds(case, resolution, dim, device, end, chosen.seeds, bar.update)
-                    else:
-                        result = run(case, resolution, dim, device, end=end, progress=bar.update)
+                    result = run(case, resolution, dim, device, end=end, progress=bar.update, seeds=chosen.seeds)
             except ValueError as error:
                 if not named:  # too few particles for the scene
                     return _refuse(f"{label}: {error}")

@@ -125,7 +125,7 @@ class Parameters:
         dx, dim = scene.particle_spacing, scene.dim
         h = scheme.smoothing_length(dx, dim)
         kernel = scheme.kernel_in(dim)
-        support, c_0 = kernel.support * h, p["sound_speed"]
+        support, c_0 = scheme.support(dx, dim), p["sound_speed"]
         # The fluid's own viscosity counts towards alpha; the artificial one makes up what is missing.
         own = 2 * (dim + 2) * p["viscosity"]
         # On a lattice the Laplacian of Morris is this much of the true one, which no refinement mends.
@@ -300,8 +300,7 @@ def check_box(scene: Scene, scheme: Scheme) -> None:
     Raises:
         ValueError: So it is.
     """
-    h = scheme.smoothing_length(scene.particle_spacing, scene.dim)
-    support = scheme.kernel_in(scene.dim).support * h
+    support = scheme.support(scene.particle_spacing, scene.dim)
     for axis, (low, high) in enumerate(zip(scene.lower, scene.upper, strict=True)):
         kinds = {scene.faces[name].kind for name in face_names(scene.dim)[2 * axis : 2 * axis + 2]}
         if kinds != {"open"} and high - low < support * (1.0 - 1e-6):
@@ -446,7 +445,7 @@ def make_drains(scene: Scene, scheme: Scheme, parameters: Parameters, device: wp
 def make_frozen(scene: Scene, scheme: Scheme, device: wp.Device) -> tuple[Any, Any]:
     """Layers of wall particles behind the walls of the box, in cells, and their grid."""
     dim, dx = scene.dim, scene.particle_spacing
-    support = scheme.kernel_in(dim).support * scheme.smoothing_length(dx, dim)
+    support = scheme.support(dx, dim)
     layers = math.ceil(support / dx - 1e-6)
     frozen: Any = _FROZEN()
     names = face_names(dim)

@@ -257,12 +257,12 @@ class Scene:
         places = self._sample_places()
         positions, velocities = self._sample_motion(places)
         n = len(positions)
-        settling = np.concatenate([np.empty((0, self.dim)), *(self._settling(body, points) for body, points in places)])
-        positions[: len(settling)] += settling
         pressure, temperature = np.zeros(n), None
         pressures = [self._start_pressure(body, points) for body, points in places]
         lattice = sum(map(len, pressures))
         pressure[:lattice] = np.concatenate([np.empty(0), *pressures])
+        if places:
+            positions[:lattice] += np.concatenate([self._settling(body, points) for body, points in places])
         if self.material.thermal_diffusivity:
             warmth = [
                 _evaluate("Fluid.temperature", body.temperature, points, (len(points),)) for body, points in places
@@ -358,7 +358,7 @@ class Scene:
         return self.material.density * (head - top)
 
     def _settling(self, body: Fluid, points: np.ndarray) -> np.ndarray:
-        """How far the lattice points of a body (n, dim) [m] are from where the fluid would lie still, (n, dim) [m].
+        """From the lattice points of a body (n, dim) [m] to where the fluid would lie still, (n, dim) [m].
 
         The fluid is compressible: under the pressure rho g z at a depth z, its density is 1 + g z/c_0^2 times that on
         top. A lattice with the same spacing all the way down is not at rest. What comes up from below spreads as the

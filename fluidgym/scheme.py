@@ -158,6 +158,10 @@ class Scheme:
         usual = 2.0 if self.preset == "mueller" else {2: 2.0, 3: 1.5}[dim] * self.kernel_in(dim).breadth
         return spacing * (self.smoothing_ratio or usual)
 
+    def support(self, spacing: float, dim: int) -> float:
+        """Distance beyond which the smoothing kernel is zero [m], for a particle spacing [m]."""
+        return self.kernel_in(dim).support * self.smoothing_length(spacing, dim)
+
     @property
     def pressure_law(self) -> StateEquation:
         """The state equation, without negative pressures where there is no tension."""

@@ -105,7 +105,7 @@ def adapted(case: Case, named: NamedScheme, courant: float = 1.0) -> Case:
 
 def _stuck(scene: Scene, scheme: Scheme, stickiness: float) -> Scene:
     """A scene whose fluid has at least the viscosity that a scheme needs."""
-    reach = scheme.kernel_in(scene.dim).support * scheme.smoothing_length(scene.particle_spacing, scene.dim)
+    reach = scheme.support(scene.particle_spacing, scene.dim)
     least = stickiness * scene.sound_speed * reach
     return replace(scene, material=replace(scene.material, viscosity=max(least, scene.material.viscosity)))
 

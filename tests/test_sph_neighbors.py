@@ -117,8 +117,7 @@ def assert_counts_neighbours(counted, solver, position, identity):
 
     A pair so close to the edge of the support that float32 cannot tell is left out; there are next to none.
     """
-    dim = solver.scene.dim
-    support = solver.scheme.kernel_in(dim).support * solver.scheme.smoothing_length(DX, dim)
+    support = solver.scheme.support(DX, solver.scene.dim)
     distance = np.linalg.norm(position[:, None].astype(float) - position[None], axis=2)
     world, live = np.arange(len(position)) // solver.capacity, identity >= 0
     near = (world[:, None] == world) & live & (distance < support)

@@ -16,7 +16,6 @@ from fluidgym.validation import (
     limits_at,
     observed_order,
     run,
-    run_seeds,
     still_tank,
 )
 from fluidgym.validation.case import shaken
@@ -102,7 +101,7 @@ def test_between_the_instants_of_the_reference_a_pressure_is_not_judged():
 
 def test_several_runs_differ_by_chance_and_give_their_mean_and_spread():
     case = dataclasses.replace(dam_break.CASE, times=dam_break.CASE.times[:24], end=dam_break.CASE.times[23])
-    both = run_seeds(case, 10, device="cpu", seeds=2)
+    both = run(case, 10, device="cpu", seeds=2)
     each = [run(shaken(case, seed), 10, device="cpu").errors["front"] for seed in range(2)]
     assert each[0] != each[1]
     assert both.errors["front"] == pytest.approx(np.mean(each), rel=1e-12)

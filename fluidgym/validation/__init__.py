@@ -17,7 +17,7 @@ from fluidgym.validation import (
     taylor_green_3d,
     wavemaker,
 )
-from fluidgym.validation.case import Case, Result, limits_at, observed_order, run, run_seeds
+from fluidgym.validation.case import Case, Result, limits_at, observed_order, run
 
 CASES = {
     case.name: case
@@ -40,4 +40,4 @@ CASES = {
     )
 }
 
-__all__ = ["CASES", "Case", "Result", "limits_at", "observed_order", "run", "run_seeds"]
+__all__ = ["CASES", "Case", "Result", "limits_at", "observed_order", "run"]

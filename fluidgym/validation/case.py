@@ -21,11 +21,11 @@ Records = dict[str, np.ndarray]
 # Steps handed to the solver at once: long enough that handing over costs nothing, short enough for a live progress bar.
 STEPS_AT_ONCE = 16
 
-# Shift of start positions, over the spacing, of runs that are to differ by chance alone: no flow feels as little.
-SHAKE = 0.01
-
 # The same where a case drives the controls, which change linearly over each such piece: short, so as to follow a sine.
 STEPS_DRIVEN = 4
+
+# Shift of start positions, over the spacing, of runs that are to differ by chance alone: no flow feels as little.
+SHAKE = 0.01
 
 
 @dataclass(frozen=True)
@@ -127,8 +127,11 @@ def run(
     end: float | None = None,
     scheme: Scheme | None = None,
     progress: Callable[[float], object] = lambda duration: None,
+    seeds: int | None = None,
 ) -> Result:
     """Run a case.
+
+    Where water breaks and strikes, errors differ by chance from run to run; their mean and spread over several do not.
 
     Args:
         case: The case.
@@ -137,20 +140,24 @@ def run(
         device: Warp device; None takes a GPU where there is one.
         end: Latest instant to observe [s]; None is the case's own end. Errors are those of the instants up to it.
         scheme: In place of the case's own.
-        progress: Called with every further piece of simulated time [s].
+        progress: Called with every further piece of simulated time [s], over the number of runs.
+        seeds: Number of runs, each from a start of its own (`shaken`): back comes their mean errors and spread,
+            the median of their times, and what else the first has. None is one run from the start of the case.
 
     Raises:
         ValueError: The case does not exist in this dimension, or no instant is early enough.
     """
     if dim not in case.resolutions:
         raise ValueError(f"{case.name} has no {dim}D variant; use dim = {' or '.join(map(str, case.resolutions))}")
-    if case.parts:
-        share = 1.0 / len(case.parts)
-        found = {
-            name: run(part, resolution, dim, device, end, scheme, lambda duration: progress(share * duration))
-            for name, part in case.parts.items()
-        }
-        return _joined(case, found)
+    if seeds or case.parts:
+        share = 1.0 / (seeds or len(case.parts))
+
+        def run_one(one: Case) -> Result:
+            return run(one, resolution, dim, device, end, scheme, lambda duration: progress(share * duration))
+
+        if seeds:
+            return _mean([run_one(shaken(case, seed)) for seed in range(seeds)])
+        return _joined(case, {name: run_one(part) for name, part in case.parts.items()})
     end = case.end if end is None else end
     times = case.times[case.times <= end * (1 + 1e-9)]
     if not len(times):
@@ -189,49 +196,6 @@ def run(
     )
 
 
-def run_seeds(
-    case: Case,
-    resolution: int,
-    dim: int = 2,
-    device: str | None = None,
-    end: float | None = None,
-    seeds: int = 2,
-    progress: Callable[[float], object] = lambda duration: None,
-) -> Result:
-    """Run a case several times, each from a start of its own that is off the case's by a hundredth of the spacing.
-
-    Where water breaks and strikes, errors differ by chance from run to run; their mean and spread do not.
-
-    Args:
-        case: The case.
-        resolution: As the case counts it.
-        dim: 2 or 3.
-        device: Warp device; None takes a GPU where there is one.
-        end: Latest instant to observe [s]; None is the case's own end.
-        seeds: Number of runs.
-        progress: Called with every further piece of simulated time [s], over the number of runs.
-
-    Returns:
-        Mean errors and their spread, the median of the times, and what else the first run has.
-
-    Raises:
-        ValueError: As of `run`.
-    """
-    results = [
-        run(shaken(case, seed), resolution, dim, device, end, progress=lambda duration: progress(duration / seeds))
-        for seed in range(seeds)
-    ]
-    errors = {name: np.array([result.errors[name] for result in results]) for name in results[0].errors}
-    return replace(
-        results[0],
-        wall_s=float(np.median([result.wall_s for result in results])),
-        setup_s=sum(result.setup_s for result in results),
-        errors={name: float(values.mean()) for name, values in errors.items()},
-        seeds=seeds,
-        spread={name: float(values.std(ddof=1)) for name, values in errors.items()} if seeds > 1 else {},
-    )
-
-
 def shaken(case: Case, seed: int) -> Case:
     """A case whose start is off its own by a hundredth of the spacing, at random; more where it is so already."""
 
@@ -240,6 +204,19 @@ def shaken(case: Case, seed: int) -> Case:
         return replace(still, jitter=max(still.jitter, SHAKE), seed=seed)
 
     return replace(case, scene=scene, parts={name: shaken(part, seed) for name, part in case.parts.items()})
+
+
+def _mean(results: Sequence[Result]) -> Result:
+    """The results of several runs of a case as one."""
+    errors = {name: np.array([result.errors[name] for result in results]) for name in results[0].errors}
+    return replace(
+        results[0],
+        wall_s=float(np.median([result.wall_s for result in results])),
+        setup_s=sum(result.setup_s for result in results),
+        errors={name: float(values.mean()) for name, values in errors.items()},
+        seeds=len(results),
+        spread={name: float(values.std(ddof=1)) for name, values in errors.items()} if len(results) > 1 else {},
+    )
 
 
 def _joined(case: Case, parts: Mapping[str, Result]) -> Result:

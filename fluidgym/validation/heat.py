@@ -47,7 +47,7 @@ def step(z: np.ndarray, time: float) -> np.ndarray:
 def layer(resolution: int, dim: int, upper: float, temperature: Any) -> Scene:
     """The fluid between its walls, the lower at 0 and the upper at a temperature."""
     spacing = GAP / resolution
-    across = THIN[dim] if dim == 3 else max(THIN[dim], resolution // 4)
+    across = max(THIN[dim], resolution // 4) if dim == 2 else THIN[dim]
     size = (*(across * spacing,) * (dim - 1), GAP)
     axis = AXES[dim - 1]
     sides = dict.fromkeys(("x_min", "x_max", "y_min", "y_max"), PERIODIC) if dim == 3 else {}
