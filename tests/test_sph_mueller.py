@@ -157,10 +157,13 @@ class DeltaReference(Reference):
 
     def slope(self, r):
         """W'(r)/r, with its limit at 0 and its core."""
+        return (1.0 + CORE[self.dim] * np.maximum(1.0 - r / (CORE_RADIUS * DX), 0.0)) * self.bare_slope(r)
+
+    def bare_slope(self, r):
+        """W'(r)/r of the kernel alone."""
         kernel, safe = KERNELS[self.scheme.kernel_in(self.dim).name], np.where(r > 0.0, r, 1.0)
         at_zero = kernel(np.zeros(1), self.h, self.dim, derivative=2)[0]
-        core = CORE[self.dim] * np.maximum(1.0 - r / (CORE_RADIUS * DX), 0.0)
-        return (1.0 + core) * np.where(r > 0.0, kernel(r, self.h, self.dim, derivative=1) / safe, at_zero)
+        return np.where(r > 0.0, kernel(r, self.h, self.dim, derivative=1) / safe, at_zero)
 
     def density_sweep(self, now):
         """ds/dt, and the company of each particle: all of it over that of a lattice, and that of other particles.
@@ -172,14 +175,14 @@ class DeltaReference(Reference):
         leans = any(face.kind == "open" for face in self.scene.faces.values())
         for inside, (x, r, u) in ((True, pairs(now)), (False, pairs(now, self.around()))):
             rate += self.V * (self.slope(r) * (x * u).sum(axis=2)).sum(axis=1)
-            company.append(-self.V * self.h**2 * (self.slope(r) * (r > 0.0)).sum(axis=1))
+            company.append(-self.V * self.h**2 * (self.bare_slope(r) * (r > 0.0)).sum(axis=1))
             if inside:
                 steepness = self.g - (0.5 * (now.a[:, None] + now.a[None]) if leans else 0.0)
                 excess = now.s[:, None] - now.s[None] - (x * steepness).sum(axis=2) / self.c_0**2
                 rate += self.V * 2.0 * DELTA * self.h * self.c_0 * (self.slope(r) * excess).sum(axis=1)
         reach = np.arange(-8, 9) * DX
         lattice = np.linalg.norm(np.stack(np.meshgrid(*[reach] * self.dim)), axis=0)
-        full = -self.V * self.h**2 * (self.slope(lattice) * (lattice > 0.0)).sum()
+        full = -self.V * self.h**2 * (self.bare_slope(lattice) * (lattice > 0.0)).sum()
         return rate, sum(company) / full, company[0]
 
     def advanced(self, now, dt):

@@ -123,15 +123,23 @@ class Reference:
         self.leans = any(face.kind == "open" or face.moving for face in scene.faces.values())
         lattice = np.stack(np.meshgrid(*[np.arange(-5, 6) * scene.particle_spacing] * self.dim), axis=-1)
         r = np.linalg.norm(lattice, axis=-1)
-        self.full_company = -self.V * self.h**2 * self.slope(r[r > 0]).sum()
+        self.full_company = self.weight(r[r > 0]).sum()
 
     def slope(self, r):
         """W'(r)/r of Wendland C4 in two dimensions and C2 in three, with the core that the first has."""
+        core = CORE[self.dim] * np.maximum(1 - r / (CORE_RADIUS * self.scene.particle_spacing), 0)
+        return self.bare_slope(r) * (1 + core)
+
+    def weight(self, r):
+        """V h^2 |W'|/r, which knows no core."""
+        return -self.V * self.h**2 * self.bare_slope(r)
+
+    def bare_slope(self, r):
+        """W'(r)/r of the kernel alone."""
         q, sigma = r / self.h, {2: 9 / (4 * math.pi), 3: 21 / (16 * math.pi)}[self.dim] / self.h**self.dim
         t = np.maximum(1 - q / 2, 0)
         slope = {2: -(t**5) * (14 / 3 + 35 / 3 * q), 3: -5 * t**3}[self.dim]
-        core = CORE[self.dim] * np.maximum(1 - r / (CORE_RADIUS * self.scene.particle_spacing), 0)
-        return sigma / self.h**2 * slope * (1 + core)
+        return sigma / self.h**2 * slope
 
     def pull(self, x):
         """Body force [m/s2]."""
@@ -185,7 +193,7 @@ class Reference:
                 steepness -= 0.5 * (now.a[:, None] + a[None])
             excess = now.s[:, None] - (now.s + lift)[None] - (steepness * d).sum(axis=2) / self.c_0**2
             rate += self.V * (slope * (xu + 2 * DELTA * self.h * self.c_0 * excess)).sum(axis=1)
-            weight = self.V * self.h**2 * np.abs(slope)
+            weight = self.weight(r)
             if real:
                 np.fill_diagonal(weight, 0.0)
                 in_sight += weight.sum(axis=1)

@@ -165,12 +165,12 @@ def make_drift(s: Structure) -> wp.Kernel:
 @lru_cache
 def make_advance_density(s: Structure) -> wp.Kernel:
     """Kernel of the first sweep: density, the field of the force terms, and the closing drift."""
-    dim, slope, steps, field_of = s.dim, s.slope, s.integrator, s.field
+    dim, weight, steps, field_of = s.dim, s.weight, s.integrator, s.field
     vec = wp.types.vector(dim, wp.float32)
     images, solids, carriers = make_images(s), make_bodies(s), make_carriers(s)
     keep_inside, keep_out, carried = images.keep_inside, solids.keep_out, carriers.carried
     density_sum, emit_terms = make_density_sum(s)
-    mean_loop, emit_mean = make_pair_loop(dim, (WEIGHED,), slope, False, False, plain=s.plain)
+    mean_loop, emit_mean = make_pair_loop(dim, (WEIGHED,), weight, False, False, plain=s.plain)
 
     @wp.kernel(module="unique", enable_backward=False)
     def advance_density(
@@ -245,7 +245,7 @@ def make_advance_density(s: Structure) -> wp.Kernel:
                     rate = c.volume * sum[0]
                     error += c.dt * rate
                     # The particle itself does not count. Where there is no other either, walls do not pull on it.
-                    itself = slope(0.0, c)
+                    itself = weight(0.0, c)
                     company = c.volume * c.h * c.h * (wp.where(error < 0.0, sum[2], sum[1]) + itself)
                     felt = spray_share(company)
                     crowd = c.volume * c.h * c.h * (sum[1] + itself) / c.full_company

@@ -121,6 +121,7 @@ def _snippet(
     signed: bool,
     screen: tuple[bool, ...],
     leaning: bool,
+    weight: wp.Function,
 ) -> str:
     """The native lines of one pair loop."""
     axes = range(dim)
@@ -155,7 +156,7 @@ def _snippet(
         f"const float w = {slope.native_func}(r, c);",
         f"const float f = {term.native_func}(r, xu, w, a, a_j, c);",
     ]
-    values = [f"f * x{k}" for k in axes] if force else ["f", "-w"]
+    values = [f"f * x{k}" for k in axes] if force else ["f", f"-{weight.native_func}(r, c)"]
     if drag is not None:
         lines.append(f"const float d = {drag.native_func}(r, xu, w, a, a_j, c);")
         values = [f"{value} + d * {f'S{k} * ' * signed}u{k}" for k, value in enumerate(values)]
@@ -178,6 +179,7 @@ def make_pair_loop(
     plain: bool = False,
     screen: tuple[bool, ...] = (),
     leaning: bool = False,
+    weight: wp.Function | None = None,
 ) -> tuple[wp.Function, wp.Function]:
     """The sum of terms over the neighbours of a place.
 
@@ -185,12 +187,13 @@ def make_pair_loop(
         dim: Number of dimensions.
         terms: The physics: DensityRate, or Force and Drag.
         slope: Warp function (r, Constants) -> W'(r)/r.
-        force: True returns the vector sum of f x + d u (dim,), d from the Drags; False (sum of f, sum of -slope).
+        force: True returns the vector sum of f x + d u (dim,), d from the Drags; False (sum of f, sum of -weight).
         tilted: Whether the affine part of the field is compiled in.
         signed: Whether each u_k is multiplied by sign[k] (no-slip images).
         plain: True makes the twin in plain Warp, the reference for tests.
         screen: For each body that may hide neighbours whether it is a ball; the others are boxes.
         leaning: Whether the accelerations `lean` are compiled in; it goes with `tilted`.
+        weight: Warp function (r, Constants) -> what each neighbour weighs in the second sum; None is `slope`.
 
     Returns:
         The loop (X, U, a, offset, tilt, sign, first_cell, reach, position, velocity, field, lean, bounds, grid, c) ->
@@ -200,6 +203,7 @@ def make_pair_loop(
     """
     vec = wp.types.vector(dim, wp.float32)
     result = vec if force else wp.vec2
+    weight = weight or slope
     drags = tuple(bound(term, dim) for term in terms if isinstance(term, Drag))
     term = total(tuple(bound(term, dim) for term in terms if not isinstance(term, Drag)))
     drag = total(drags) if drags else None
@@ -209,12 +213,12 @@ def make_pair_loop(
         value = term(0.0, 0.0, slope(0.0, c), 0.0, 0.0, c)
         if wp.static(drag is not None):
             value += drag(0.0, 0.0, slope(0.0, c), 0.0, 0.0, c)
-        return value
+        return value + weight(0.0, c)
 
     if plain:
-        return _plain_loop(dim, term, drag, slope, force, tilted, signed, screen, leaning), emit_terms
+        return _plain_loop(dim, term, drag, slope, force, tilted, signed, screen, leaning, weight), emit_terms
 
-    snippet = _snippet(dim, term, drag, slope, force, tilted, signed, screen, leaning)
+    snippet = _snippet(dim, term, drag, slope, force, tilted, signed, screen, leaning, weight)
     if screen:
         Screens = wp.types.matrix((len(screen), 2 * dim), wp.float32)
 
@@ -272,6 +276,7 @@ def _plain_loop(
     signed: bool,
     screen: tuple[bool, ...],
     leaning: bool,
+    weight: wp.Function,
 ) -> wp.Function:
     """The pair loop in plain Warp: every particle of every cell within reach, no rows cut."""
     vec = wp.types.vector(dim, wp.float32)
@@ -374,7 +379,7 @@ def _plain_loop(
                                 if wp.static(drag is not None):
                                     sum += drag(r, xu, w, a, a_j, c) * u
                             else:
-                                sum += wp.vec2(f, -w)
+                                sum += wp.vec2(f, -weight(r, c))
         return sum
 
     if screen:

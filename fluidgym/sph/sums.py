@@ -56,14 +56,20 @@ def make_density_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
     tilted = s.gravity or s.has_walls or leaning
     vec = wp.types.vector(dim, wp.float32)
     flags = wp.types.vector(dim, wp.int32)
-    images, solids, slope = make_images(s), make_bodies(s), s.slope
+    images, solids, slope, weight = make_images(s), make_bodies(s), s.slope, s.weight
     near, count, query, near_bare = images.near, images.count, images.query, images.near_bare
     near_body, patch, ray, screens = solids.near, solids.patch, solids.ray, solids.screens
-    frozen_loop, emit_frozen = make_pair_loop(dim, _of_frozen(s, s.density_terms), slope, False, False, plain=s.plain)
-    loop, emit_fluid = make_pair_loop(dim, s.density_terms, slope, False, tilted, plain=s.plain, leaning=leaning)
-    screened, _ = make_pair_loop(
-        dim, s.density_terms, slope, False, tilted, plain=s.plain, screen=_screen(s), leaning=leaning
-    )
+
+    def pair_loop(
+        terms: tuple[Term, ...], tilted: bool, screen: tuple[bool, ...] = (), leaning: bool = False
+    ) -> tuple[wp.Function, wp.Function]:
+        return make_pair_loop(
+            dim, terms, slope, False, tilted, plain=s.plain, screen=screen, leaning=leaning, weight=weight
+        )
+
+    frozen_loop, emit_frozen = pair_loop(_of_frozen(s, s.density_terms), False)
+    loop, emit_fluid = pair_loop(s.density_terms, tilted, leaning=leaning)
+    screened, _ = pair_loop(s.density_terms, tilted, _screen(s), leaning)
     term = total(tuple(bound(term, dim) for term in s.density_terms))
 
     @wp.func
@@ -82,8 +88,7 @@ def make_density_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
                         for m in range(4):
                             point = point_volume(hit.distance, hit.end, m, hit.share, wp.static(dim), c)
                             r = point[0]
-                            w = slope(r, c)
-                            sum += point[1] * wp.vec2(term(r, -r * closing, w, a, a, c), -w)
+                            sum += point[1] * wp.vec2(term(r, -r * closing, slope(r, c), a, a, c), -weight(r, c))
         return sum
 
     @wp.func
