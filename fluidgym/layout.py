@@ -233,7 +233,6 @@ def make_structure(scene: Scene, scheme: Scheme, parameters: Parameters, forces:
         central=bool(p["central_force"].any()),
     )
     bodies = list(scene.bodies.values())
-    cored = scheme.core_in(dim) > 0.0
     return Structure(
         dim=dim,
         kinds=tuple(_kind(face, wall) for face in faces),
@@ -241,8 +240,8 @@ def make_structure(scene: Scene, scheme: Scheme, parameters: Parameters, forces:
         warm_faces=tuple(heat and face.temperature is not None for face in faces),
         density_terms=terms[0],
         force_terms=terms[1],
-        slope=scheme.kernel_in(dim).slope(dim, cored=cored),
-        bare_slope=scheme.kernel_in(dim).slope(dim) if cored else None,
+        slope=scheme.kernel_in(dim).slope(dim, cored=scheme.core_in(dim) > 0.0),
+        weight=scheme.kernel_in(dim).slope(dim),
         field=scheme.force_field(),
         integrator=scheme.steps,
         gravity=bool(np.any(scene.gravity_vector)) or bool(p["central_force"].any()),

@@ -174,7 +174,6 @@ def test_dam_breaks_of_many_jittered_starts_all_hold():
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(reason="0.0012 sqrt(gH) after 1e4 steps for 0.001, at 10 particles; it falls later", strict=True)
 def test_still_water_stays_still_for_a_hundred_thousand_steps():
     scene = Scene((0.0, 0.0), (0.5, 0.8), 0.05, Fluid(Box((0.0, 0.0), (0.5, 0.5)), pressure="hydrostatic"))
     solver = Solver(scene, device="cpu")

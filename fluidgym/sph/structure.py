@@ -21,7 +21,7 @@ class Structure:
         density_terms: What makes the density.
         force_terms: What makes the acceleration.
         slope: Warp function (r, Constants) -> W'(r)/r, with the core of the kernel if it has one.
-        bare_slope: The same without its core, which weighs a particle's company; None where it has none.
+        weight: The same without its core, which weighs a particle's company.
         field: Warp function (s, Constants) -> what the force terms read.
         integrator: How the step is put together.
         gravity: Whether there is gravity, or could be: it tilts the fields that images and diffusion see.
@@ -46,8 +46,8 @@ class Structure:
     density_terms: tuple[DensityRate | DensitySum, ...]
     force_terms: tuple[Force | Drag, ...]
     slope: wp.Function
+    weight: wp.Function
     field: wp.Function
-    bare_slope: wp.Function | None = None
     warm_faces: tuple[bool, ...] = ()
     integrator: Integrator = KICK_DRIFT_KICK
     gravity: bool = True
@@ -64,11 +64,6 @@ class Structure:
     shift: Force | None = None
     forces: bool = False
     plain: bool = False
-
-    @property
-    def weight(self) -> wp.Function:
-        """The slope that weighs a particle's company."""
-        return self.bare_slope or self.slope
 
     @property
     def has_images(self) -> bool:

@@ -3,7 +3,7 @@
 Three of them, one a sweep: density, force, and heat where there is any. What a structure lacks leaves no code.
 """
 
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import warp as wp
 
@@ -59,17 +59,10 @@ def make_density_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
     images, solids, slope, weight = make_images(s), make_bodies(s), s.slope, s.weight
     near, count, query, near_bare = images.near, images.count, images.query, images.near_bare
     near_body, patch, ray, screens = solids.near, solids.patch, solids.ray, solids.screens
-
-    def pair_loop(
-        terms: tuple[Term, ...], tilted: bool, screen: tuple[bool, ...] = (), leaning: bool = False
-    ) -> tuple[wp.Function, wp.Function]:
-        return make_pair_loop(
-            dim, terms, slope, False, tilted, plain=s.plain, screen=screen, leaning=leaning, weight=weight
-        )
-
-    frozen_loop, emit_frozen = pair_loop(_of_frozen(s, s.density_terms), False)
-    loop, emit_fluid = pair_loop(s.density_terms, tilted, leaning=leaning)
-    screened, _ = pair_loop(s.density_terms, tilted, _screen(s), leaning)
+    pair_loop = partial(make_pair_loop, dim, slope=slope, force=False, plain=s.plain, weight=weight)
+    frozen_loop, emit_frozen = pair_loop(_of_frozen(s, s.density_terms), tilted=False)
+    loop, emit_fluid = pair_loop(s.density_terms, tilted=tilted, leaning=leaning)
+    screened, _ = pair_loop(s.density_terms, tilted=tilted, screen=_screen(s), leaning=leaning)
     term = total(tuple(bound(term, dim) for term in s.density_terms))
 
     @wp.func

@@ -1,6 +1,7 @@
 """What a particle makes of how well it is surrounded.
 
 The measure is its company, the sum of V h^2 |W'/r| over neighbours, images and bodies, which weighs the near ones most.
+The core that a kernel may have does not count, or particles that meet within it would pass for a crowd.
 Its company over that of a lattice is its crowd: 1 inside the fluid, 0.6 on a flat surface, less in a tongue or a drop.
 """
 
