@@ -16,8 +16,8 @@ the mass flux that is exactly rho U H; on the way down to no pressure the fluid 
 does its speed: 0.3 % of it in the middle, where it is measured.
 
 The smoothing length is h = 1.5 dx, below the default. Under a wide kernel the row of particles beside a wall is drawn
-towards it, and its particles come together in pairs: with Wendland C2, `profile` and `worst` are 0.64 and 9.0 % at H/20
-and h = 2 dx, and 0.28 and 1.3 % at 1.5 dx; here, with C4, they are 0.25 and 0.89 %.
+towards it, and its particles come together in pairs: with Wendland C2, `profile` and `worst` are 0.45 and 4.3 % at H/20
+and h = 2 dx, and 0.27 and 1.4 % at 1.5 dx; here, with C4, they are 0.36 and 1.2 %.
 
 Errors, those of the last 4 H/U of a run and of the middle H of the channel unless said otherwise:
     profile: root mean square over particles and instants of u - u_ref, over the speed of the middle line.
