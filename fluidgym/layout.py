@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from fluidgym.records import pack
 from fluidgym.scene import AXES, LEAST_MACH_MARGIN, MACH_MARGIN, Ball, Face, Scene, face_names
 from fluidgym.scheme import LIMITS, Scheme
 from fluidgym.sph.bodies import make_bodies
@@ -21,7 +22,7 @@ from fluidgym.sph.state_equation import LINEAR
 from fluidgym.sph.structure import Structure
 from fluidgym.sph.terms import DensitySum
 from fluidgym.sph.wall_models import WALL_LIMITS, ClampWalls, FrozenWalls, MirrorWalls, PenaltyWalls
-from fluidgym.state import PADDING, Drains, Frozen, Nozzles
+from fluidgym.state import Drains, Frozen, Nozzles
 
 _DRAINS: Any = Drains  # Warp structs: to a type checker no classes
 _FROZEN: Any = Frozen
@@ -215,7 +216,9 @@ def _lattice_slopes(kernel: SmoothingKernel, ratio: float, dim: int) -> tuple[np
     return places[0][others], slope
 
 
-def make_structure(scene: Scene, scheme: Scheme, parameters: Parameters, forces: bool, plain: bool) -> Structure:
+def make_structure(
+    scene: Scene, scheme: Scheme, parameters: Parameters, forces: bool, plain: bool, half: bool
+) -> Structure:
     """What a solver of this scene and scheme compiles.
 
     Raises:
@@ -258,6 +261,7 @@ def make_structure(scene: Scene, scheme: Scheme, parameters: Parameters, forces:
         shift=shift_term(scheme.kernel_in(dim)) if _is_shifted(scene, scheme) else None,
         forces=forces,
         plain=plain,
+        half=half,
     )
 
 
@@ -467,11 +471,9 @@ def make_frozen(scene: Scene, scheme: Scheme, device: wp.Device) -> tuple[Any, A
     place = (points - lower) * inv_width
     cell = np.clip(np.floor(place).astype(int), 0, count - 1) @ np.cumprod([1, *count[:-1]])
     order = np.argsort(cell, kind="stable")
-    padded = np.zeros((dim, len(points) + PADDING))
-    padded[:, : len(points)] = points[order].T
-    frozen.position = wp.array(padded, dtype=float, device=device)
-    frozen.velocity = wp.zeros(padded.shape, dtype=float, device=device)
-    frozen.field = wp.zeros(padded.shape[1], dtype=float, device=device)
+    parts = np.zeros((2 * dim + 1, len(points)))
+    parts[:dim] = points[order].T
+    frozen.records = pack(parts, device)
     bounds = np.searchsorted(cell[order], np.arange(grid.stride + 1))
     frozen.bounds = wp.array(bounds, dtype=int, device=device)
     return frozen, grid

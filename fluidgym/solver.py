@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -29,16 +29,13 @@ from fluidgym.layout import (
 from fluidgym.scene import AXES, Particles, Scene, face_names, pipe_frame
 from fluidgym.scheme import DEFAULT_SCHEME, Scheme
 from fluidgym.sph.constants import Constants
-from fluidgym.sph.integrate import advance_driven, aim, make_step, shift_acceleration
-from fluidgym.sph.neighbors import make_gather, make_grid, order_by_cell, settle_order
-from fluidgym.sph.shifting import CHUNK, add_up_gain
+from fluidgym.sph.integrate import aim, make_step, shift_acceleration
+from fluidgym.sph.neighbors import make_gather, make_grid
 from fluidgym.state import Frozen, ParticleArrays, State, driven_arrays
+from fluidgym.stepping import Group, Plan, Stepper, processors
 
 _CONSTANTS: Any = Constants  # Warp structs: to a type checker no classes
 _FROZEN: Any = Frozen
-
-# Launches are captured once and replayed, for this many steps at most.
-STEPS_PER_GRAPH = 64
 
 
 @dataclass(frozen=True)
@@ -100,6 +97,7 @@ class Solver:
         num_worlds: Number of worlds.
         capacity: Particles that a world has room for.
         device: The Warp device.
+        threads: Threads of a CPU that share the worlds, at most.
         max_step: Time step of the scheme's courant number [s], that of the most demanding world.
         time: Simulated time of each world since its reset [s], (world,).
         started: Number of particles of each world at its reset, (world,).
@@ -129,6 +127,7 @@ class Solver:
         device: str | None = None,
         plain_loops: bool = False,
         report_forces: bool = False,
+        threads: int | None = None,
     ):
         """Set up the worlds and put them at their start.
 
@@ -139,6 +138,8 @@ class Solver:
             device: "cpu", "cuda", "cuda:1", ...; None takes a GPU where there is one.
             plain_loops: Run the plain-Warp twin of the pair loop: slow, for tests.
             report_forces: Add up the forces on faces and bodies, for `face_force` and `body_force`.
+            threads: How many threads of a CPU share the worlds, at most; None is as many as there are processors. What
+                a world does does not depend on it. A GPU needs none.
 
         Raises:
             ValueError: The device or a count is out of its limits, or the scheme cannot do what the scene asks.
@@ -148,17 +149,20 @@ class Solver:
         if not isinstance(scheme, Scheme):
             raise ValueError(f"Solver.scheme = {scheme!r} is not a Scheme; make one with Scheme(...) or leave it out")
         _check_count("num_worlds", num_worlds)
+        _check_count("threads", processors() if threads is None else threads)
+        self.threads = processors() if threads is None else int(threads)
         scene = with_sound_speed(scene, scheme)
         self.scene, self.scheme, self.num_worlds = scene, scheme, num_worlds
         self.device = find_device(device)
-        self._flags = {"forces": report_forces, "plain": plain_loops}
+        half = self.device.is_cpu and not plain_loops
+        self._flags = {"forces": report_forces, "plain": plain_loops, "half": half}
         start = scene.sample()
         self.capacity = max(len(start) + (scene.reserve or 0), 1)
         self._parameters = Parameters(scene, scheme, num_worlds)
         check_box(scene, scheme)
         self._numbers = self._parameters.constants()
         self.max_step = self._parameters.max_step()
-        self._graphs: dict[int, Any] = {}
+        self._stepper: Stepper | None = None
         self._build_kernels()
         self._make_arrays()
         self._step_size = self.max_step
@@ -180,17 +184,17 @@ class Solver:
         scene, dim = self.scene, self.scene.dim
         self._structure = make_structure(scene, self.scheme, self._parameters, **self._flags)
         self._kernels = make_step(self._structure)
-        self._gather = make_gather(dim, self._structure.heat, self._structure.leaning)
+        self._kernels.gather = make_gather(dim, self._structure.middle_width, self._structure.heat)
         self._moving_faces = any(face.moving for face in scene.faces.values())
         self._moving_bodies = any(body.moving for body in scene.bodies.values())
-        self._graphs.clear()
+        self._stepper = None
 
     def _make_arrays(self) -> None:
         """Allocate the device arrays."""
         scene, dim, device, worlds = self.scene, self.scene.dim, self.device, self.num_worlds
         numbers, structure = self._numbers, self._structure
         search = numbers["support"] + numbers["skin"]
-        self._grid: Any = make_grid(np.asarray(scene.lower), np.asarray(scene.upper), search)
+        self._grid: Any = make_grid(np.asarray(scene.lower), np.asarray(scene.upper), search, self.capacity)
         self._nozzles = make_nozzles(scene, worlds, device)
         self._drains = make_drains(scene, self.scheme, self._parameters, device)
         self._frozen, self._frozen_grid = _FROZEN(), self._grid
@@ -205,9 +209,10 @@ class Solver:
             rows=self._nozzles.row_inflow.shape[0] if scene.inflows else 0,
             heat=structure.heat,
             forces=structure.forces,
-            leaning=structure.leaning,
             shifted=structure.shifted,
+            halved=structure.half,
         )
+        self.state.set_widths(structure.middle_width, structure.end_width)
         self._bounds = wp.zeros(worlds * self._grid.stride + 2, dtype=int, device=device)
         self._face_travel = wp.array(scene.face_travel(), dtype=float, device=device)
         self._body_travel = wp.array(body_travel(scene), dtype=float, device=device)
@@ -272,8 +277,7 @@ class Solver:
             self._drains.field.assign(held_density(self.scene, self.scheme, self._parameters))
         if make_structure(self.scene, self.scheme, self._parameters, **self._flags) != self._structure:
             self._build_kernels()
-            if self._structure.leaning:
-                self.state.sort_accelerations()
+            self.state.set_widths(self._structure.middle_width, self._structure.end_width)
         self._keep_pressure(*before)
 
     def _keep_pressure(self, c_0: np.ndarray, gamma: np.ndarray) -> None:
@@ -381,20 +385,23 @@ class Solver:
         """
         count = len(numbers)
         at_rest = wp.array(self._constants_at_rest.numpy()[numbers], dtype=_CONSTANTS, device=self.device)
-        state, unused = self.state, wp.zeros(self.num_worlds, dtype=int, device=self.device)
+        state = self.state
         self._gravity.assign(np.tile(self.scene.gravity_vector, (self.num_worlds, 1)))
         self._write_nozzles(Controls(self.scene, self.num_worlds))
         moving = (state.faces_start, state.bodies_start, state.faces_start, state.bodies_start)
-        self._sort(batch, *moving[:2], state.bodies_start, at_rest, unused, count)
+        few = self._worlds().part(0, count)
+        few = replace(few, constants=at_rest, bounds=self._bounds[: count * self._grid.stride + 2])
+        few.state.clamped = wp.zeros_like(few.state.clamped)  # that of these worlds counts on
+        few.sort(batch, *moving[:2], state.bodies_start)
         # The spray rule must not touch the density of a start, so what the sweep makes of it goes to scratch; unless
         # density is a sum, which is what the start should have.
         scratch = batch.density_error if self._structure.summed else wp.zeros_like(batch.density_error)
         forces = wp.clone(state.forces)  # those of the last call stay to be read
-        self._sweep(batch, *moving, at_rest, unused, count, density_out=scratch)
+        few.sweep(batch, *moving, density_out=scratch)
         wp.copy(state.forces, forces)
         if not self._structure.summed:
             slots = count * self.capacity
-            wp.copy(batch.density_error, state.sorted.density_error, count=slots)
+            wp.copy(batch.density_error, state.density_error, count=slots)
 
     def reset(self, mask: np.ndarray | None = None) -> None:
         """Put worlds back to their start, faces and bodies at rest, the scene's gravity on, nozzles as in the scene.
@@ -455,11 +462,26 @@ class Solver:
         self._write_nozzles(self.controls)
         self.state.forces.zero_()
         self._force_steps = n
-        with wp.ScopedDevice(self.device):
-            for first in range(0, n, STEPS_PER_GRAPH):
-                wp.capture_launch(self._graph(min(STEPS_PER_GRAPH, n - first)))
+        if self._stepper is None:
+            self._stepper = Stepper(self._worlds(), self.threads)
+        self._stepper.step(n)
         self.time += n * dt
         self._watch_reserve()
+
+    def _worlds(self) -> Group:
+        """All worlds, as a step sees them."""
+        plan = Plan(
+            self._structure,
+            self._kernels,
+            self._grid,
+            self._frozen,
+            self._frozen_grid,
+            self._face_travel,
+            self._body_travel,
+            self._moving_faces,
+            self._moving_bodies,
+        )
+        return Group(plan, self.state, self._constants, self._gravity, self._bounds, self._nozzles, self._drains)
 
     def _aim(self, duration: float) -> None:
         """Give the moving faces and bodies the accelerations that bring them to their velocities in a duration [s]."""
@@ -521,175 +543,6 @@ class Solver:
             device=self.device,
         )
         self._felt_gravity[...] = self.gravity
-
-    def _graph(self, n: int) -> Any:
-        """The captured launches of n steps."""
-        if n not in self._graphs:
-            with wp.ScopedDevice(self.device):
-                wp.load_module(advance_driven.module, device=self.device)
-                wp.load_module(order_by_cell.module, device=self.device)
-                with wp.ScopedCapture(device=self.device) as capture:
-                    self._launch(n)
-                self._graphs[n] = capture.graph
-        return self._graphs[n]
-
-    def _launch(self, n: int) -> None:
-        state, structure = self.state, self._structure
-        faces = state.faces_middle if self._moving_faces else state.faces
-        bodies = state.bodies_middle if self._moving_bodies else state.bodies
-        before = state.bodies_before if self._moving_bodies else state.bodies
-        if not structure.integrator.closing_drift:  # all of the drift is done before the first sweep
-            faces, bodies = state.faces, state.bodies
-        for _ in range(n):
-            if self._moving_bodies:
-                wp.copy(state.bodies_before.position, state.bodies.position)
-            for moves, travel, middle, end in (
-                (self._moving_faces, self._face_travel, state.faces_middle, state.faces),
-                (self._moving_bodies, self._body_travel, state.bodies_middle, state.bodies),
-            ):
-                if moves:
-                    outputs = [*driven_arrays(middle).values(), *driven_arrays(end).values()]
-                    shape = outputs[0].shape
-                    wp.launch(advance_driven, shape, [self._constants, travel], outputs, device=self.device)
-            self._sort(state.now, faces, bodies, before, self._constants, state.clamped, self.num_worlds)
-            self._sweep(
-                state.now,
-                faces,
-                bodies,
-                state.faces,
-                state.bodies,
-                self._constants,
-                state.clamped,
-                self.num_worlds,
-                density_out=state.now.density_error,
-            )
-            if self._kernels.shift is not None:
-                self._shift()
-            if self._kernels.emit is not None:
-                self._emit()
-
-    def _sort(
-        self,
-        particles: ParticleArrays,
-        faces: Any,
-        bodies: Any,
-        bodies_before: Any,
-        constants: wp.array,
-        clamped: wp.array,
-        num_worlds: int,
-    ) -> None:
-        """Kick and drift to where the first sweep is, then put the particles in cell order."""
-        state, slots, cells = self.state, num_worlds * self.capacity, num_worlds * self._grid.stride
-        bounds: Any = self._bounds if num_worlds == self.num_worlds else self._bounds[: cells + 2]
-        bounds.zero_()
-        around = [faces, bodies_before, bodies, self._nozzles, self._drains]
-        wp.launch(
-            self._kernels.drift,
-            dim=slots,
-            inputs=[self.capacity, constants, self._grid, *around, particles.acceleration],
-            outputs=[particles.position, particles.velocity, particles.identity, state.key, bounds, clamped],
-            device=self.device,
-        )
-        wp.utils.array_scan(bounds, bounds, inclusive=True)
-        wp.launch(order_by_cell, slots, [state.key, bounds, state.order], device=self.device)
-        if self.device.is_cuda:
-            wp.launch(settle_order, cells, [self._grid.stride, bounds, state.order], device=self.device)
-        names = ("position", "velocity", "density_error", "identity", "temperature", "acceleration")
-        wp.launch(
-            self._gather,
-            dim=slots,
-            inputs=[state.order, *(getattr(particles, name) for name in names)],
-            outputs=[getattr(state.sorted, name) for name in names],
-            device=self.device,
-        )
-
-    def _sweep(
-        self,
-        particles: ParticleArrays,
-        faces: Any,
-        bodies: Any,
-        faces_end: Any,
-        bodies_end: Any,
-        constants: wp.array,
-        clamped: wp.array,
-        num_worlds: int,
-        density_out: wp.array,
-    ) -> None:
-        """The sweeps over pairs, from the sorted arrays back into the particles'."""
-        state, half, slots = self.state, self.state.sorted, num_worlds * self.capacity
-        shared = [self.capacity, constants, self._gravity, self._grid, self._bounds]
-        carriers, frozen = [self._nozzles, self._drains], [self._frozen, self._frozen_grid]
-        around = [faces, faces_end, bodies, bodies_end, *carriers, *frozen]
-        wp.launch(
-            self._kernels.advance_density,
-            dim=slots,
-            inputs=[
-                *shared,
-                *around,
-                *(half.position, half.velocity, half.density_error, half.identity, half.acceleration),
-            ],
-            outputs=[particles.position, density_out, particles.identity, state.field, clamped],
-            device=self.device,
-        )
-        around = [faces_end, bodies_end, *carriers, *frozen]
-        wp.launch(
-            self._kernels.kick,
-            dim=slots,
-            inputs=[*shared, *around, particles.position, half.velocity, state.field, particles.identity],
-            outputs=[particles.velocity, particles.acceleration, state.forces],
-            device=self.device,
-        )
-        if self._kernels.conduct is not None:
-            around = [faces_end, bodies_end, *carriers]
-            wp.launch(
-                self._kernels.conduct,
-                dim=slots,
-                inputs=[
-                    *(self.capacity, constants, self._grid, self._bounds),
-                    *around,
-                    *(particles.position, half.velocity, half.temperature, particles.identity),
-                ],
-                outputs=[particles.temperature],
-                device=self.device,
-            )
-
-    def _shift(self) -> None:
-        """Shift the particles, and hold the mean of the density errors."""
-        state, now, half = self.state, self.state.now, self.state.sorted
-        state.gain.zero_()
-        wp.launch(
-            add_up_gain,
-            dim=(self.num_worlds, -(-self.capacity // CHUNK)),
-            inputs=[self.capacity, half.density_error, now.density_error, now.identity],
-            outputs=[state.gain],
-            device=self.device,
-        )
-        wp.launch(
-            self._kernels.shift,
-            dim=self.num_worlds * self.capacity,
-            inputs=[
-                *(self.capacity, self._constants, self._grid, self._bounds, state.faces),
-                *(now.position, half.velocity, state.field, now.identity, state.gain),
-            ],
-            # The positions at the middle of the step have been read by all who do; here they make room.
-            outputs=[now.density_error, half.position],
-            device=self.device,
-        )
-        wp.copy(now.position, half.position)
-
-    def _emit(self) -> None:
-        """Let the nozzles add what is due."""
-        now = self.state.now
-        wp.launch(
-            self._kernels.emit,
-            dim=self.num_worlds,
-            inputs=[self.capacity, self._grid.stride, self._constants, self._bounds, self._nozzles, self.state.ledger],
-            outputs=[
-                *(now.position, now.velocity, now.acceleration),
-                *(now.density_error, now.temperature, now.identity),
-            ],
-            device=self.device,
-        )
 
     # -- what there is to read -----------------------------------------------------------------------------------
 

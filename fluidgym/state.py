@@ -6,11 +6,15 @@ order of the cells and change at every step; identity says who is in a slot, and
 
 from __future__ import annotations
 
+import copy
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 import warp as wp
 
-# The pair loop reads whole blocks of slots and may look, without counting, this far past the last one.
-PADDING = 16
+from fluidgym.compilation import shared_module
+from fluidgym.records import SUMS, make_records, slack
 
 
 @wp.struct
@@ -68,9 +72,7 @@ class Drains:
 class Frozen:
     """Wall particles that never move, in cells of their own; every world has the same."""
 
-    position: wp.array2d[float]  # (dim, slot) [m]
-    velocity: wp.array2d[float]  # zero, (dim, slot) [m/s]
-    field: wp.array[float]  # zero, (slot,)
+    records: wp.array[float]  # place; velocity and field are zero
     bounds: wp.array[int]  # of the cells, (cell + 1,)
 
 
@@ -90,15 +92,22 @@ class ParticleArrays:
     An array that is not kept has no columns.
     """
 
-    def __init__(self, dim: int, slots: int, device: wp.Device, acceleration: bool = True, heat: bool = False):
-        """Room for so many slots, and the padding behind them."""
-        padded = slots + PADDING
-        self.position = wp.zeros((dim, padded), dtype=float, device=device)
-        self.velocity = wp.zeros((dim, padded), dtype=float, device=device)
-        self.density_error = wp.zeros(padded, dtype=float, device=device)
-        self.identity = wp.zeros(padded, dtype=int, device=device)
-        self.acceleration = wp.zeros((dim, padded if acceleration else 0), dtype=float, device=device)
-        self.temperature = wp.zeros(padded if heat else 0, dtype=float, device=device)
+    def __init__(self, dim: int, slots: int, device: wp.Device, heat: bool = False):
+        """Room for so many slots."""
+        self.position = wp.zeros((dim, slots), dtype=float, device=device)
+        self.velocity = wp.zeros((dim, slots), dtype=float, device=device)
+        self.density_error = wp.zeros(slots, dtype=float, device=device)
+        self.density_error = wp.zeros(slots, dtype=float, device=device)
+        self.identity = wp.zeros(slots, dtype=int, device=device)
+        self.acceleration = wp.zeros((dim, slots), dtype=float, device=device)
+        self.temperature = wp.zeros(slots if heat else 0, dtype=float, device=device)
+
+    def part(self, slots: slice) -> ParticleArrays:
+        """Some slots: views."""
+        part = copy.copy(self)
+        for name, array in self.arrays().items():
+            setattr(part, name, array[:, slots] if array.ndim == 2 else array[slots])
+        return part
 
     def arrays(self) -> dict[str, wp.array]:
         """All arrays that are kept, by name."""
@@ -127,13 +136,22 @@ def make_bodies_arrays(dim: int, num_worlds: int, half: np.ndarray, device: wp.D
     return bodies
 
 
+_DRIVEN = ("position", "velocity", "acceleration")
+
+# Arrays of a state that a step works on, by world.
+_BY_WORLD = (
+    *("middle", "end", "sums", "density_error", "identity", "temperature", "key", "order"),
+    *("forces", "gain", "clamped"),
+)
+
+
 def driven_arrays(driven: Faces | Bodies) -> dict[str, wp.array]:
     """The arrays of faces or bodies that change with time, by name, each (world, item)."""
-    arrays = {name: getattr(driven, name) for name in ("position", "velocity", "acceleration")}
+    arrays = {name: getattr(driven, name) for name in _DRIVEN}
     return {name: array.reshape((array.shape[0], array.size // array.shape[0])) for name, array in arrays.items()}
 
 
-@wp.kernel(module="fluidgym.state", enable_backward=False)
+@wp.kernel(module=shared_module("state"), enable_backward=False)
 def copy_numbers(
     sources: wp.array[int], targets: wp.array[int], size: int, source: wp.array2d[float], target: wp.array2d[float]
 ):
@@ -143,7 +161,7 @@ def copy_numbers(
     target[row, targets[n] * size + i % size] = source[row, sources[n] * size + i % size]
 
 
-@wp.kernel(module="fluidgym.state", enable_backward=False)
+@wp.kernel(module=shared_module("state"), enable_backward=False)
 def copy_integers(
     sources: wp.array[int], targets: wp.array[int], size: int, source: wp.array2d[int], target: wp.array2d[int]
 ):
@@ -170,19 +188,42 @@ def copy_worlds(sources: wp.array, targets: wp.array, size: int, source: wp.arra
     wp.launch(kernel, dim=shape, inputs=[sources, targets, size, rows], outputs=[target], device=source.device)
 
 
+def part_of(array: wp.array, worlds: int, first: int, count: int) -> wp.array:
+    """Some worlds of an array of so many, which lie one after another along its first axis: a view."""
+    if array is None or not array.size:
+        return array
+    each = array.shape[0] // worlds
+    return array[first * each : (first + count) * each]
+
+
+def struct_part(kind: Any, struct: Any, names: Sequence[str], worlds: int, first: int, count: int) -> Any:
+    """A struct of some worlds: of its arrays of these names a part, the others whole."""
+    part = kind()
+    for name in kind.vars:
+        value = getattr(struct, name)
+        if value is not None:
+            setattr(part, name, part_of(value, worlds, first, count) if name in names else value)
+    return part
+
+
 class State:
     """Particles, faces, bodies, nozzles and scratch arrays of all worlds.
 
     Attributes:
         now: The particles.
         start: What a reset copies back.
-        sorted: The particles at the middle of a step, in cell order: scratch between steps.
-        field: What the force sweep reads: scratch between steps.
+        middle: Records of the particles at the middle of a step, in cell order: scratch between steps, like what
+            follows.
+        end: Records of them at its end, with what the force sweep reads.
+        density_error: In cell order, as it was before the first sweep.
+        identity: In cell order.
+        temperature: In cell order.
         faces: The faces at the end of a step; faces_middle at its middle, faces_start what a reset copies back.
         bodies: The bodies, likewise.
         ledger: What the nozzles have done.
         forces: What faces and bodies have done to the particles, in fixed point, (world, face and body, dim).
         gain: What the density errors gain in a step of a shifted box, in fixed point, (world,): scratch.
+        sums: What particles have been given by those before them in the order: scratch, zero between sweeps.
         clamped: How often the safety net at walls and bodies was used since the reset, (world,).
     """
 
@@ -196,8 +237,8 @@ class State:
         rows: int = 0,
         heat: bool = False,
         forces: bool = False,
-        leaning: bool = False,
         shifted: bool = False,
+        halved: bool = False,
     ):
         """Allocate.
 
@@ -210,15 +251,16 @@ class State:
             rows: Rows of the nozzles of a world.
             heat: Whether temperatures are kept.
             forces: Whether forces are added up.
-            leaning: Whether the density sweep reads accelerations.
             shifted: Whether particles are shifted.
+            halved: Whether pairs are met once.
         """
         self.dim, self.num_worlds, self.capacity, self.device = dim, num_worlds, capacity, device
         slots = num_worlds * capacity
         self.now = ParticleArrays(dim, slots, device, heat=heat)
         self.start = ParticleArrays(dim, slots, device, heat=heat)
-        self.sorted = ParticleArrays(dim, slots, device, acceleration=leaning, heat=heat)
-        self.field = wp.zeros(slots + PADDING, dtype=float, device=device)
+        self.density_error = wp.zeros(slots, dtype=float, device=device)
+        self.identity = wp.zeros(slots, dtype=int, device=device)
+        self.temperature = wp.zeros(slots if heat else 0, dtype=float, device=device)
         self.key = wp.zeros(slots, dtype=int, device=device)
         self.order = wp.zeros(slots, dtype=int, device=device)
         self.faces, self.faces_middle, self.faces_start = (make_faces(dim, num_worlds, device) for _ in range(3))
@@ -234,11 +276,32 @@ class State:
         self.forces = wp.zeros(shape, dtype=wp.int64, device=device)
         self.gain = wp.zeros(num_worlds if shifted else 0, dtype=wp.int64, device=device)
         self.clamped = wp.zeros(num_worlds, dtype=int, device=device)
+        self.sums = make_records(self.places if halved else 0, SUMS, device)
 
-    def sort_accelerations(self) -> None:
-        """Have room for the accelerations among what is sorted, which the density sweep has come to read."""
-        if not self.sorted.acceleration.size:
-            self.sorted.acceleration = wp.zeros_like(self.sorted.velocity)
+    @property
+    def places(self) -> int:
+        """Records of all worlds."""
+        return self.num_worlds * (self.capacity + slack(self.capacity))
+
+    def set_widths(self, middle: int, end: int) -> None:
+        """Have room for records of so many parts."""
+        self.middle = make_records(self.places, middle, self.device)
+        self.end = make_records(self.places, end, self.device)
+
+    def part(self, first: int, count: int) -> State:
+        """The present of some worlds: views of it."""
+        part = copy.copy(self)
+        part.num_worlds = count
+        part.now = self.now.part(slice(first * self.capacity, (first + count) * self.capacity))
+        where = (self.num_worlds, first, count)
+        for name in _BY_WORLD:
+            setattr(part, name, part_of(getattr(self, name), *where))
+        for name in ("faces", "faces_middle"):
+            setattr(part, name, struct_part(Faces, getattr(self, name), (*_DRIVEN, "sliding"), *where))
+        for name in ("bodies", "bodies_middle", "bodies_before"):
+            setattr(part, name, struct_part(Bodies, getattr(self, name), _DRIVEN, *where))
+        part.ledger = struct_part(Ledger, self.ledger, tuple(Ledger.vars), *where)
+        return part
 
     def set_start(self, worlds: np.ndarray, batch: ParticleArrays) -> None:
         """Make the worlds of a batch the start of the worlds of these numbers (n,)."""

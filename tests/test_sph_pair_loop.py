@@ -1,13 +1,18 @@
 """The native pair loop against its twin in plain Warp, directly and over a whole step."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 import warp as wp
 
+from fluidgym.compilation import OPTIONS
+from fluidgym.records import SUMS, make_records, pack, place
 from fluidgym.scene import OPEN, PERIODIC, Box, Face, Fluid, Material, Particles, Scene
 from fluidgym.scheme import DEFAULT_SCHEME
 from fluidgym.solver import Solver
 from fluidgym.sph.constants import Constants
+from fluidgym.sph.continuity import CENTRAL_DIFFUSION, DIVERGENCE
 from fluidgym.sph.neighbors import Grid
 from fluidgym.sph.pair_loop import make_pair_loop
 from fluidgym.sph.terms import DensityRate
@@ -50,61 +55,72 @@ def make_solver(dim, plain_loops=False, device="cpu"):
     return solver
 
 
-def sum_both(solver, terms, force, tilted, signed, leaning, device):
-    """Sums of the native and of the plain loop, with an offset, a tilt, signs and accelerations of a hundred g.
+def sum_all(solver, terms, force, tilted, signed, leaning, device, central=False):
+    """Sums of the native, the plain and, without signs, of half a loop: with a tilt and accelerations of a hundred g.
 
-    (loop, slot, component)
+    There is an offset where there are signs. (loop, slot, component)
     """
     dim, slots = solver.scene.dim, 2 * solver.capacity
     slope = DEFAULT_SCHEME.kernel_in(dim).slope(dim, cored=DEFAULT_SCHEME.core_in(dim) > 0.0)
-    native, emit_terms = make_pair_loop(dim, terms, slope, force, tilted, signed, leaning=leaning)
-    plain, _ = make_pair_loop(dim, terms, slope, force, tilted, signed, plain=True, leaning=leaning)
+    width = 2 * dim + 1 + dim * leaning
+    make = partial(make_pair_loop, dim, terms, slope, force, width, tilted, leaning=leaning, weight=slope)
+    native, emit_terms = make(signed)
+    plain, _ = make(signed, plain=True)
+    half, _ = make(half=not signed, central=central)
     vec = wp.types.vector(dim, wp.float32)
-    width = dim if force else 2
+    parts = dim if force else 3
 
-    @wp.kernel(module="unique", enable_backward=False)
-    def both(
+    @wp.kernel(module="unique", module_options=OPTIONS, enable_backward=False)
+    def all_three(
         capacity: int,
         constants: wp.array[Constants],
         grid: Grid,
         bounds: wp.array[int],
-        position: wp.array2d[float],
-        velocity: wp.array2d[float],
-        field: wp.array[float],
-        lean: wp.array2d[float],
+        records: wp.array[float],
         offset: float,
         tilt: vec,
+        bend: float,
         sign: vec,
+        given: wp.array[float],
         sums: wp.array3d[float],
     ):
         i = wp.tid()
         c = constants[0]
+        c.central_force = bend
         if capacity < 0:
             sums[0, i, 0] = emit_terms(c)
+        world = i // capacity
+        slot = i + world * grid.slack
         x = vec()
         u = vec()
         for k in range(wp.static(dim)):
-            x[k] = position[k, i]
-            u[k] = velocity[k, i]
-        first_cell = i // capacity * grid.stride
-        p = native(
-            x, u, field[i], offset, tilt, sign, first_cell, c.support, position, velocity, field, lean, bounds, grid, c
-        )
-        q = plain(
-            x, u, field[i], offset, tilt, sign, first_cell, c.support, position, velocity, field, lean, bounds, grid, c
-        )
-        for k in range(wp.static(width)):
+            x[k] = records[place(slot, k, wp.static(width))]
+            u[k] = records[place(slot, wp.static(dim) + k, wp.static(width))]
+        lean = tilt
+        for k in range(wp.static(dim)):
+            if wp.static(leaning and not signed):  # of a pair that is met once, the tilt is a mean of both
+                lean[k] -= 0.5 * c.inv_c_0_squared * records[place(slot, wp.static(2 * dim + 1) + k, wp.static(width))]
+            if wp.static(central):
+                lean[k] -= bend * c.inv_c_0_squared * x[k]
+        a = records[place(slot, wp.static(2 * dim), wp.static(width))]
+        p = native(i, x, u, a, offset, lean, sign, world, c.support, records, bounds, grid, c, given)
+        q = plain(i, x, u, a, offset, lean, sign, world, c.support, records, bounds, grid, c, given)
+        h = half(i, x, u, a, 0.0, lean, sign, world, c.support, records, bounds, grid, c, given)
+        for k in range(wp.static(parts)):
             sums[0, i, k] = p[k]
             sums[1, i, k] = q[k]
+            sums[2, i, k] = h[k]
 
     start = solver.state.start
-    sums = wp.zeros((2, slots, width), dtype=float, device=device)
-    inputs = [solver.capacity, solver._constants, solver._grid, solver._bounds]
     pulls = np.random.default_rng(2).uniform(-1000.0, 1000.0, start.velocity.shape)
-    lean = wp.array(pulls, dtype=float, device=device)
-    inputs += [start.position, start.velocity, start.density_error, lean]
-    wp.launch(both, slots, [*inputs, 0.004, vec(*[0.03, -0.02, 0.01][:dim]), vec(*[-1.0, 1.0, -1.0][:dim]), sums],
-              device=device)  # fmt: skip
+    rows = [start.position.numpy(), start.velocity.numpy(), start.density_error.numpy()[None]] + [pulls] * leaning
+    records = pack(np.concatenate(rows), solver.device, solver.capacity)
+    given = make_records(solver.state.places, SUMS, solver.device)
+    sums = wp.zeros((3, slots, parts), dtype=float, device=device)
+    inputs = [solver.capacity, solver._constants, solver._grid, solver._bounds, records, 0.004 * signed]
+    tilt, sign = vec(*[0.03, -0.02, 0.01][:dim]), vec(*[-1.0, 1.0, -1.0][:dim])
+    wp.launch(all_three, slots, [*inputs, tilt, 40.0 * central, sign, given, sums], device=device)
+    assert not given.numpy().any()
     return sums.numpy().astype(float)
 
 
@@ -123,10 +139,28 @@ def sum_both(solver, terms, force, tilted, signed, leaning, device):
 def test_native_and_plain_loop_give_the_same_sums(dim, force, tilted, signed, leaning, device):
     scheme = DEFAULT_SCHEME
     terms = scheme.force_terms(viscous=True) if force else scheme.density_terms()
-    native, plain = sum_both(make_solver(dim, device=device), terms, force, tilted, signed, leaning, device)
+    native, plain, _ = sum_all(make_solver(dim, device=device), terms, force, tilted, signed, leaning, device)
     scale = np.abs(plain).max(axis=0)
-    assert (scale > 0.0).all()
-    np.testing.assert_allclose(native / scale, plain / scale, atol=1e-6)
+    scale = scale[scale > 0.0]
+    assert len(scale) == (dim if force else 2)
+    np.testing.assert_allclose(native[:, : len(scale)] / scale, plain[:, : len(scale)] / scale, atol=1e-6)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("sweep", ["density", "central density", "force"])
+def test_half_a_loop_gives_the_same_sums(dim, sweep):
+    # Where threads come one after another, which is on a CPU.
+    scheme, force = DEFAULT_SCHEME, sweep == "force"
+    terms = scheme.force_terms(viscous=True) if force else scheme.density_terms()
+    if sweep == "central density":
+        terms = (DIVERGENCE, CENTRAL_DIFFUSION)
+    _, plain, half = sum_all(
+        make_solver(dim), terms, force, not force, False, not force, "cpu", central=sweep == "central density"
+    )
+    scale = np.abs(plain).max(axis=0)
+    scale = scale[scale > 0.0]
+    assert len(scale) == (dim if force else 2)
+    np.testing.assert_allclose(half[:, : len(scale)] / scale, plain[:, : len(scale)] / scale, atol=2e-6)
 
 
 @wp.func
@@ -139,7 +173,7 @@ def test_a_loop_that_leans_takes_half_of_what_accelerations_make_of_density(dim,
     # Against all pairs: the two sums differ by that of a_j.(X - x_j) / (2 c_0^2).
     solver, terms = make_solver(dim, device=device), (DensityRate(field_of_neighbour),)
     (upright, _), (leaning, plain) = (
-        sum_both(solver, terms, False, True, False, leans, device)[..., 0] for leans in (False, True)
+        sum_all(solver, terms, False, True, True, leans, device)[:2, :, 0] for leans in (False, True)
     )
     slots, start = 2 * solver.capacity, solver.state.start
     x = start.position.numpy()[:, :slots].T.astype(float)

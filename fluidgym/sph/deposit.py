@@ -12,6 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import warp as wp
 
+from fluidgym.compilation import OPTIONS
 from fluidgym.sph.neighbors import three
 
 ONE = wp.constant(wp.int64(1 << 24))  # a whole particle, or a particle at the reference speed, in fixed point
@@ -37,7 +38,7 @@ def make_deposit(dim: int) -> SimpleNamespace:
     """Kernels of the deposit: add, which sums in fixed point, and finish, which hands out numbers."""
     vec = wp.types.vector(dim, wp.float32)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", module_options=OPTIONS, enable_backward=False)
     def add(
         capacity: int,
         cells: CoarseCells,
@@ -79,7 +80,7 @@ def make_deposit(dim: int) -> SimpleNamespace:
                     for k in range(wp.static(dim)):
                         wp.atomic_add(sums, world, 1 + k, cell, wp.int64(wp.round(float(part) * speed[k])))
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", module_options=OPTIONS, enable_backward=False)
     def finish(cells: CoarseCells, sums: wp.array3d[wp.int64], values: wp.array3d[float]):
         world, channel, cell = wp.tid()
         value = cells.value * float(sums[world, channel, cell])

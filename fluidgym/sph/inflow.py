@@ -14,6 +14,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from fluidgym.compilation import OPTIONS
 from fluidgym.sph.constants import Constants
 from fluidgym.sph.structure import Structure
 from fluidgym.sph.terms import DensityRate
@@ -110,7 +111,7 @@ def make_emit(s: Structure) -> wp.Kernel:
     dim = s.dim
     round_pipes = wp.int32(sum(bool(is_round) << n for n, is_round in enumerate(s.round_pipes)))
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", module_options=OPTIONS, enable_backward=False)
     def emit(
         capacity: int,
         cells: int,

@@ -19,6 +19,8 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from fluidgym.compilation import OPTIONS, shared_module
+from fluidgym.records import place
 from fluidgym.sph.bodies import make_bodies
 from fluidgym.sph.constants import Constants
 from fluidgym.sph.inflow import FREE, GONE, IN_PIPE, WEIGHED, make_carriers, make_emit
@@ -32,14 +34,14 @@ from fluidgym.sph.walls import make_images
 from fluidgym.state import Bodies, Drains, Faces, Frozen, Nozzles
 
 
-@wp.kernel(module="fluidgym.integrate", enable_backward=False)
+@wp.kernel(module=shared_module("integrate"), enable_backward=False)
 def aim(duration: float, target: wp.array2d[float], velocity: wp.array2d[float], acceleration: wp.array2d[float]):
     """Set the accelerations that bring what is driven to its target velocities in a duration [s]; (world, item)."""
     world, item = wp.tid()
     acceleration[world, item] = (target[world, item] - velocity[world, item]) / duration
 
 
-@wp.kernel(module="fluidgym.integrate", enable_backward=False)
+@wp.kernel(module=shared_module("integrate"), enable_backward=False)
 def advance_driven(
     constants: wp.array[Constants],
     travel: wp.array2d[float],
@@ -73,7 +75,7 @@ def advance_driven(
     velocity[world, item] = u + dt * a
 
 
-@wp.kernel(module="fluidgym.integrate", enable_backward=False)
+@wp.kernel(module=shared_module("integrate"), enable_backward=False)
 def shift_acceleration(capacity: int, change: wp.array2d[float], acceleration: wp.array2d[float]):
     """Add what has changed of each world's gravity to the accelerations found before."""
     i = wp.tid()
@@ -91,7 +93,7 @@ def make_drift(s: Structure) -> wp.Kernel:
     keep_out, carried = solids.keep_out, carriers.carried
     cell_of = make_cell_of(dim)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", module_options=OPTIONS, enable_backward=False)
     def drift(
         capacity: int,
         constants: wp.array[Constants],
@@ -123,10 +125,10 @@ def make_drift(s: Structure) -> wp.Kernel:
                 u_0[k] = velocity[k, i]
                 u[k] = u_0[k] + wp.static(steps.opening_kick) * c.dt * acceleration[k, i]
             if wp.static(s.carried):
-                place = carried(x_0, world, nozzles, drains, c)
-                if place.how == IN_PIPE:
-                    u_0 = place.velocity
-                    u = place.velocity
+                at = carried(x_0, world, nozzles, drains, c)
+                if at.how == IN_PIPE:
+                    u_0 = at.velocity
+                    u = at.velocity
             if wp.static(steps.drift_first):
                 x = x_0 + (wp.static(steps.opening_drift) * c.dt) * u_0
             else:
@@ -170,9 +172,10 @@ def make_advance_density(s: Structure) -> wp.Kernel:
     images, solids, carriers = make_images(s), make_bodies(s), make_carriers(s)
     keep_inside, keep_out, carried = images.keep_inside, solids.keep_out, carriers.carried
     density_sum, emit_terms = make_density_sum(s)
-    mean_loop, emit_mean = make_pair_loop(dim, (WEIGHED,), weight, False, False, plain=s.plain)
+    middle, end, heat_at = s.middle_width, s.end_width, s.bare_width
+    mean_loop, emit_mean = make_pair_loop(dim, (WEIGHED,), weight, False, middle, False, plain=s.plain, weight=weight)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", module_options=OPTIONS, enable_backward=False)
     def advance_density(
         capacity: int,
         constants: wp.array[Constants],
@@ -187,58 +190,59 @@ def make_advance_density(s: Structure) -> wp.Kernel:
         drains: Drains,
         frozen: Frozen,
         frozen_grid: Grid,
-        position: wp.array2d[float],
-        velocity: wp.array2d[float],
-        density_error: wp.array[float],
+        records: wp.array[float],
         identity: wp.array[int],
-        acceleration: wp.array2d[float],
-        position_out: wp.array2d[float],
-        density_error_out: wp.array[float],
+        temperature: wp.array[float],
+        position: wp.array2d[float],
+        density_error: wp.array[float],
         identity_out: wp.array[int],
-        field: wp.array[float],
+        records_out: wp.array[float],
         clamped: wp.array[int],
+        sums: wp.array[float],
     ):
         i = wp.tid()
         world = i // capacity
         c = constants[world]
         if capacity < 0:
-            field[i] = emit_terms(c)
+            density_error[i] = emit_terms(c)
             if wp.static(s.carried):
-                field[i] = emit_mean(c)
+                density_error[i] = emit_mean(c)
         identity_out[i] = identity[i]
+        slot = i + world * grid.slack
         x = vec()
         u = vec()
         g = vec()
         lean = vec()
         for k in range(wp.static(dim)):
-            x[k] = position[k, i]
-            u[k] = velocity[k, i]
+            x[k] = records[place(slot, k, wp.static(middle))]
+            u[k] = records[place(slot, wp.static(dim) + k, wp.static(middle))]
             g[k] = gravity[world, k]
             if wp.static(s.leaning):
-                lean[k] = 0.5 * acceleration[k, i]
+                lean[k] = 0.5 * records[place(slot, wp.static(s.bare_width) + k, wp.static(middle))]
         if wp.static(s.central):
             g -= c.central_force * x
-        error = density_error[i]
+        error = records[place(slot, wp.static(2 * dim), wp.static(middle))]
         extra = float(0.0)
         how = FREE
         if wp.static(s.carried):
             if identity[i] >= 0:
-                place = carried(x, world, nozzles, drains, c)
-                how = place.how
+                at = carried(x, world, nozzles, drains, c)
+                how = at.how
                 if how != FREE:
-                    error = place.held
+                    error = at.held
                     if how == IN_PIPE:
                         mean = mean_loop(
-                            place.mirror, u, 0.0, 0.0, vec(), vec(1.0), world * grid.stride, c.support, position,
-                            velocity, density_error, velocity, bounds, grid, c,
+                            i, at.mirror, u, 0.0, 0.0, vec(), vec(1.0), world, c.support, records, bounds, grid, c, sums
                         )  # fmt: skip
                         error = mean[0] / wp.max(mean[1], wp.static(SPRAY_COMPANY) / (c.volume * c.h * c.h))
         if identity[i] >= 0:
-            if how == FREE:
+            free = how == FREE
+            if free or wp.static(s.half):
                 sum = density_sum(
-                    x, u, error, g, lean, world, c.support, faces, bodies, frozen, frozen_grid, position, velocity,
-                    density_error, acceleration, bounds, grid, c,
+                    i, free, x, u, error, g, lean, world, c.support, faces, bodies, frozen, frozen_grid, records,
+                    bounds, grid, c, sums,
                 )  # fmt: skip
+            if free:
                 if wp.static(s.summed):
                     error = c.density_unit * c.volume * sum[0] - 1.0
                 else:
@@ -246,9 +250,9 @@ def make_advance_density(s: Structure) -> wp.Kernel:
                     error += c.dt * rate
                     # The particle itself does not count. Where there is no other either, walls do not pull on it.
                     itself = weight(0.0, c)
-                    company = c.volume * c.h * c.h * (wp.where(error < 0.0, sum[2], sum[1]) + itself)
+                    company = c.volume * c.h * c.h * (wp.where(error < 0.0, sum[1], sum[1] + sum[2]) + itself)
                     felt = spray_share(company)
-                    crowd = c.volume * c.h * c.h * (sum[1] + itself) / c.full_company
+                    crowd = c.volume * c.h * c.h * (sum[1] + sum[2] + itself) / c.full_company
                     error *= felt
                     extra = packing_pressure(crowd)
                     if wp.static(s.damped):
@@ -264,11 +268,15 @@ def make_advance_density(s: Structure) -> wp.Kernel:
                     out = keep_out(x_0, x, u, world, bodies, bodies_end, c, clamped)
                     x = out.position
         for k in range(wp.static(dim)):
-            position_out[k, i] = x[k]
-        density_error_out[i] = error
+            position[k, i] = x[k]
+            records_out[place(slot, k, wp.static(end))] = x[k]
+            records_out[place(slot, wp.static(dim) + k, wp.static(end))] = u[k]
+        density_error[i] = error
         if wp.static(s.shifted):
             error += c.level
-        field[i] = field_of(error, c) + extra
+        records_out[place(slot, wp.static(2 * dim), wp.static(end))] = field_of(error, c) + extra
+        if wp.static(s.heat):
+            records_out[place(slot, wp.static(heat_at), wp.static(end))] = temperature[i]
 
     return advance_density
 
@@ -283,8 +291,9 @@ def make_kick(s: Structure) -> wp.Kernel:
     closing_kick = s.integrator.closing_kick
     has_cushion = "mirror" in s.kinds or s.wall == "penalty"
     force_sum, emit_terms = make_force_sum(s)
+    end = s.end_width
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", module_options=OPTIONS, enable_backward=False)
     def kick(
         capacity: int,
         constants: wp.array[Constants],
@@ -297,46 +306,51 @@ def make_kick(s: Structure) -> wp.Kernel:
         drains: Drains,
         frozen: Frozen,
         frozen_grid: Grid,
-        position: wp.array2d[float],
-        velocity: wp.array2d[float],
-        field: wp.array[float],
+        records: wp.array[float],
         identity: wp.array[int],
-        velocity_out: wp.array2d[float],
+        velocity: wp.array2d[float],
         acceleration: wp.array2d[float],
         forces: wp.array3d[wp.int64],
+        sums: wp.array[float],
     ):
         i = wp.tid()
         world = i // capacity
         c = constants[world]
         if capacity < 0:
             acceleration[0, i] = emit_terms(c)
+        slot = i + world * grid.slack
         x = vec()
         u = vec()
         g = vec()
         for k in range(wp.static(dim)):
-            x[k] = position[k, i]
-            u[k] = velocity[k, i]
+            x[k] = records[place(slot, k, wp.static(end))]
+            u[k] = records[place(slot, wp.static(dim) + k, wp.static(end))]
             g[k] = gravity[world, k]
         if wp.static(s.central):
             g -= c.central_force * x
         a = vec()
-        free = identity[i] >= 0
+        live = identity[i] >= 0
+        free = live
         if wp.static(s.carried):
-            if free:
-                place = carried(x, world, nozzles, drains, c)
-                free = place.how == FREE
-        if free:
-            reach = c.support + c.skin
-            a = g + force_sum(
-                x, u, field[i], g, world, reach, faces, bodies, frozen, frozen_grid, position, velocity, field,
-                bounds, grid, forces, c,
+            if live:
+                at = carried(x, world, nozzles, drains, c)
+                free = at.how == FREE
+        if live and (free or wp.static(s.half)):
+            field = records[place(slot, wp.static(2 * dim), wp.static(end))]
+            a = force_sum(
+                i, free, x, u, field, g, world, c.support + c.skin, faces, bodies, frozen, frozen_grid, records, bounds,
+                grid, forces, c, sums,
             )  # fmt: skip
+        if not free:
+            a = vec()
+        if free:
+            a += g
             if wp.static(has_cushion):
                 a += cushion(x, world, faces, forces, c)
             if wp.static(len(s.balls) > 0):
                 a += body_cushion(x, world, bodies, forces, c)
         for k in range(wp.static(dim)):
-            velocity_out[k, i] = u[k] + wp.static(closing_kick) * c.dt * a[k]
+            velocity[k, i] = u[k] + wp.static(closing_kick) * c.dt * a[k]
             acceleration[k, i] = a[k]
 
     return kick
@@ -350,7 +364,7 @@ def make_conduct(s: Structure) -> wp.Kernel:
     heat_sum, emit_terms = make_heat_sum(s)
     carried = make_carriers(s).carried
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", module_options=OPTIONS, enable_backward=False)
     def conduct(
         capacity: int,
         constants: wp.array[Constants],
@@ -360,31 +374,34 @@ def make_conduct(s: Structure) -> wp.Kernel:
         bodies: Bodies,
         nozzles: Nozzles,
         drains: Drains,
-        position: wp.array2d[float],
-        velocity: wp.array2d[float],
-        temperature: wp.array[float],
+        records: wp.array[float],
         identity: wp.array[int],
-        temperature_out: wp.array[float],
+        temperature: wp.array[float],
+        sums: wp.array[float],
     ):
         i = wp.tid()
         world = i // capacity
         c = constants[world]
         if capacity < 0:
-            temperature_out[i] = emit_terms(c)
-        T = temperature[i]
+            temperature[i] = emit_terms(c)
+        slot = i + world * grid.slack
+        T = records[place(slot, wp.static(s.bare_width), wp.static(s.end_width))]
         x = vec()
         for k in range(wp.static(dim)):
-            x[k] = position[k, i]
-        free = identity[i] >= 0
+            x[k] = records[place(slot, k, wp.static(s.end_width))]
+        live = identity[i] >= 0
+        free = live
         if wp.static(s.carried):
+            if live:
+                at = carried(x, world, nozzles, drains, c)
+                free = at.how == FREE
+        if live and (free or wp.static(s.half)):
+            rate = heat_sum(
+                i, free, x, T, world, c.support + c.skin, faces, bodies, records, bounds, grid, c, sums,
+            )  # fmt: skip
             if free:
-                place = carried(x, world, nozzles, drains, c)
-                free = place.how == FREE
-        if free:
-            reach = c.support + c.skin
-            rate = heat_sum(x, T, world, reach, faces, bodies, position, velocity, temperature, bounds, grid, c)
-            T += c.dt * c.volume * rate
-        temperature_out[i] = T
+                T += c.dt * c.volume * rate
+        temperature[i] = T
 
     return conduct
 

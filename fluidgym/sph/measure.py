@@ -9,6 +9,7 @@ from functools import lru_cache
 import numpy as np
 import warp as wp
 
+from fluidgym.compilation import OPTIONS, shared_module
 from fluidgym.sph.neighbors import three
 
 CHUNK = 32  # slots that one thread adds up
@@ -46,7 +47,7 @@ def join(a: Sums, b: Sums) -> Sums:
 def make_measure(dim: int) -> wp.Kernel:
     """Kernel that adds up the particles of one chunk."""
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", module_options=OPTIONS, enable_backward=False)
     def measure_chunk(
         capacity: int,
         marks: Marks,
@@ -87,7 +88,7 @@ def make_measure(dim: int) -> wp.Kernel:
     return measure_chunk
 
 
-@wp.kernel(module="fluidgym.measure", enable_backward=False)
+@wp.kernel(module=shared_module("measure"), enable_backward=False)
 def join_chunks(partial: wp.array2d[Sums], totals: wp.array[Sums]):
     """Add up the chunks of each world."""
     world = wp.tid()

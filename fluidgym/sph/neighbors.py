@@ -13,7 +13,10 @@ from functools import lru_cache
 import numpy as np
 import warp as wp
 
-CELLS_ALONG_X = 4  # cells to a search radius along x: narrower wastes scans, wider wastes candidates
+from fluidgym.compilation import OPTIONS, shared_module
+from fluidgym.records import place, slack
+
+CELLS_ALONG_X = 8  # cells to a search radius along x: narrower wastes scans, wider wastes candidates
 
 
 @wp.struct
@@ -25,6 +28,7 @@ class Grid:
     inv_width: wp.vec3  # [1/m]
     count: wp.vec3i  # cells along each axis
     stride: int  # cells of a world, the one for retired particles included
+    slack: int  # records of a world beyond its slots
 
 
 def three(values: Sequence[float] | np.ndarray, rest: float) -> list[float]:
@@ -32,8 +36,8 @@ def three(values: Sequence[float] | np.ndarray, rest: float) -> list[float]:
     return [*values, *[rest] * (3 - len(values))]
 
 
-def make_grid(lower: np.ndarray, upper: np.ndarray, search: float) -> Grid:
-    """The grid that covers a box (dim,) [m] for a search radius [m]."""
+def make_grid(lower: np.ndarray, upper: np.ndarray, search: float, capacity: int = 0) -> Grid:
+    """The grid that covers a box (dim,) [m] for a search radius [m], in worlds of that many slots."""
     dim = len(lower)
     width, count = np.ones(3), np.ones(3, int)
     for axis in range(dim):
@@ -47,6 +51,7 @@ def make_grid(lower: np.ndarray, upper: np.ndarray, search: float) -> Grid:
     grid.inv_width = wp.vec3(*(1.0 / width))
     grid.count = wp.vec3i(*(int(n) for n in count))
     grid.stride = int(np.prod(count)) + 1
+    grid.slack = slack(capacity)
     return grid
 
 
@@ -68,14 +73,14 @@ def make_cell_of(dim: int) -> wp.Function:
     return cell_of
 
 
-@wp.kernel(module="fluidgym.neighbors", enable_backward=False)
+@wp.kernel(module=shared_module("neighbors"), enable_backward=False)
 def order_by_cell(key: wp.array[int], bounds: wp.array[int], order: wp.array[int]):
     """Give every particle its slot; afterwards bounds[k] to bounds[k + 1] is the range of cell k."""
     i = wp.tid()
     order[wp.atomic_add(bounds, key[i] + 1, 1)] = i
 
 
-@wp.kernel(module="fluidgym.neighbors", enable_backward=False)
+@wp.kernel(module=shared_module("neighbors"), enable_backward=False)
 def settle_order(stride: int, bounds: wp.array[int], order: wp.array[int]):
     """Sort the particles of each cell by their earlier place: threads that race leave no trace.
 
@@ -97,11 +102,14 @@ def settle_order(stride: int, bounds: wp.array[int], order: wp.array[int]):
 
 
 @lru_cache
-def make_gather(dim: int, heat: bool = False, leaning: bool = False) -> wp.Kernel:
-    """Kernel that copies the particles into their new order."""
+def make_gather(dim: int, width: int, heat: bool = False) -> wp.Kernel:
+    """Kernel that puts the particles into their new order: records of so many parts, and what is not in them."""
+    leaning = width > 2 * dim + 1
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", module_options=OPTIONS, enable_backward=False)
     def gather(
+        capacity: int,
+        grid: Grid,
         order: wp.array[int],
         position: wp.array2d[float],
         velocity: wp.array2d[float],
@@ -109,20 +117,20 @@ def make_gather(dim: int, heat: bool = False, leaning: bool = False) -> wp.Kerne
         identity: wp.array[int],
         temperature: wp.array[float],
         acceleration: wp.array2d[float],
-        position_out: wp.array2d[float],
-        velocity_out: wp.array2d[float],
+        records: wp.array[float],
         density_error_out: wp.array[float],
         identity_out: wp.array[int],
         temperature_out: wp.array[float],
-        acceleration_out: wp.array2d[float],
     ):
         i = wp.tid()
         j = order[i]
+        slot = i + i // capacity * grid.slack
         for k in range(wp.static(dim)):
-            position_out[k, i] = position[k, j]
-            velocity_out[k, i] = velocity[k, j]
+            records[place(slot, k, wp.static(width))] = position[k, j]
+            records[place(slot, wp.static(dim) + k, wp.static(width))] = velocity[k, j]
             if wp.static(leaning):
-                acceleration_out[k, i] = acceleration[k, j]
+                records[place(slot, wp.static(2 * dim + 1) + k, wp.static(width))] = acceleration[k, j]
+        records[place(slot, wp.static(2 * dim), wp.static(width))] = density_error[j]
         density_error_out[i] = density_error[j]
         identity_out[i] = identity[j]
         if wp.static(heat):

@@ -2,13 +2,15 @@
 
 The physics is in plain Warp functions of one pair (terms.py). Here they are called from a few native lines that run
 over one row of cells at a time, because LLVM turns that loop into vector instructions where it does not for the same
-loop in plain Warp. Two rules keep it so: arrays hold one component each, and the loop adds up scalars. A plain Warp
-twin does the same sum; the tests hold one against the other.
+loop in plain Warp. Two rules keep it so: the lanes of a block read neighbouring numbers (records.py), and the loop adds
+up scalars. A plain Warp twin does the same sum; the tests hold one against the other.
 
 Both sweeps share the loop. A query is a place X [m], a velocity U [m/s] and a field value a; each neighbour j meets it
 with x = X - x_j, u = U - u_j and a_j + offset + tilt . x, the affine part being what a mirror image adds to the field.
 In a force that part may not take a pressure below zero: a ceiling does not hold drops. A screened loop leaves out the
-neighbours that a body hides. A leaning loop takes lean_j . x / (2 c_0^2) from it as well, a half of what the densities
+neighbours that a body hides. Where threads come one after another, as on a CPU, half a loop is enough for the sum over
+particles themselves: i meets those after it in the order, adds to its own sum and to theirs, and finds in its own what
+those before it have added. A leaning loop takes lean_j . x / (2 c_0^2) from it as well, a half of what the densities
 of two particles differ by where nothing is to be done about it (continuity.py).
 """
 
@@ -16,15 +18,10 @@ from functools import lru_cache
 
 import warp as wp
 
+from fluidgym.records import LANES, SUMS, place
 from fluidgym.sph.constants import Constants
 from fluidgym.sph.neighbors import Grid
 from fluidgym.sph.terms import Drag, Term, bound, total
-from fluidgym.state import PADDING
-
-# On a CPU a row is taken in blocks of eight lanes, each lane with sums of its own: what a block reads past its row is
-# computed and not counted, so that there is no tail to run one by one. Arrays are padded for the last block.
-LANES = 8
-assert LANES <= PADDING
 
 _LANES = f"""
 #if defined(__CUDA_ARCH__)
@@ -32,47 +29,69 @@ const int lanes = 1;
 #else
 const int lanes = {LANES};
 #endif
+const float number[{LANES}] = {{{", ".join(f"{n}.0f" for n in range(LANES))}}};
 """
 
-# One row after another: rows the sphere misses are passed over, the others cut to the x that the sphere needs.
-_ROWS_3D = """
-int z_low = (int)floorf((X[2] - reach - grid.lower[2]) * grid.inv_width[2]);
-int z_high = (int)floorf((X[2] + reach - grid.lower[2]) * grid.inv_width[2]);
-if (z_low < 0) z_low = 0;
-if (z_high > grid.count[2] - 1) z_high = grid.count[2] - 1;
-for (int cz = z_low; cz <= z_high; ++cz) {
-const float z_cell = grid.lower[2] + cz * grid.width[2];
-const float gap_z = wp::max(wp::max(z_cell - X[2], X[2] - z_cell - grid.width[2]), 0.0f);
-"""
 
-_ROWS = """
-int y_low = (int)floorf((X[1] - reach - grid.lower[1]) * grid.inv_width[1]);
-int y_high = (int)floorf((X[1] + reach - grid.lower[1]) * grid.inv_width[1]);
-if (y_low < 0) y_low = 0;
-if (y_high > grid.count[1] - 1) y_high = grid.count[1] - 1;
-for (int cy = y_low; cy <= y_high; ++cy) {
-const float y_cell = grid.lower[1] + cy * grid.width[1];
-const float gap_y = wp::max(wp::max(y_cell - X[1], X[1] - y_cell - grid.width[1]), 0.0f);
-const float rest = reach * reach - gap_y * gap_y - gap_z * gap_z;
+def _row_lines(dim: int, half: bool, width: int) -> str:
+    """Native lines that go through the rows: those the sphere misses are passed over, the others cut to the x it needs.
+
+    Half of a neighbourhood is what comes after i, itself included: the rest of its row, and the rows after that. Since
+    the sort particles may have moved by the skin, so its row is looked for a skin lower, and by what rounding can do.
+    """
+    lines = [f"const int shift = world * grid.slack, first_cell = world * grid.stride, width = {width};"]
+    axes = (("y", 1), ("z", 2))[: dim - 1]
+    for name, k in axes if half else ():
+        own = f"records.data[{place.native_func}(i + shift, {k}, width)] - (reach - c.support)"
+        cell = f"(int)floorf(({own} - grid.lower[{k}]) * grid.inv_width[{k}] - 1e-4f)"
+        lines.append(f"const int {name}_own = wp::clamp({cell}, 0, grid.count[{k}] - 1);")
+    for name, k in reversed(axes):
+        lines.append(f"int {name}_low = (int)floorf((X[{k}] - reach - grid.lower[{k}]) * grid.inv_width[{k}]);")
+        lines.append(f"if ({name}_low < 0) {name}_low = 0;")
+        lines.append(f"int {name}_high = (int)floorf((X[{k}] + reach - grid.lower[{k}]) * grid.inv_width[{k}]);")
+        lines.append(f"if ({name}_high > grid.count[{k}] - 1) {name}_high = grid.count[{k}] - 1;")
+        if half:
+            at_first = "cz == z_own && " if (name, dim) == ("y", 3) else ""
+            lines.append(f"if ({at_first}{name}_low < {name}_own) {name}_low = {name}_own;")
+        lines.append(f"for (int c{name} = {name}_low; c{name} <= {name}_high; ++c{name}) {{")
+        lines.append(f"const float below_{name} = grid.lower[{k}] + c{name} * grid.width[{k}] - X[{k}];")
+        lines.append(f"const float above_{name} = -below_{name} - grid.width[{k}];")
+        lines.append(f"float gap_{name} = below_{name} > above_{name} ? below_{name} : above_{name};")
+        lines.append(f"gap_{name} = gap_{name} > 0.0f ? gap_{name} : 0.0f;")
+    row = "(cz * grid.count[1] + cy)" if dim == 3 else "cy"
+    lines.append(f"const float rest = reach * reach - gap_y * gap_y{' - gap_z * gap_z' * (dim == 3)};")
+    lines.append(f"const int row = first_cell + {row} * grid.count[0];")
+    lines.append(_ROW)
+    if half:
+        lines.append("if (first < i + shift) first = i + shift;")
+    return "\n".join([*lines, _BLOCKS])
+
+
+_ROW = """
 if (rest <= 0.0f) continue;
-const float half = sqrtf(rest);
-int x_low = (int)floorf((X[0] - half - grid.lower[0]) * grid.inv_width[0]);
-int x_high = (int)floorf((X[0] + half - grid.lower[0]) * grid.inv_width[0]);
+const float chord = sqrtf(rest);
+int x_low = (int)floorf((X[0] - chord - grid.lower[0]) * grid.inv_width[0]);
+int x_high = (int)floorf((X[0] + chord - grid.lower[0]) * grid.inv_width[0]);
 if (x_low < 0) x_low = 0;
 if (x_high > grid.count[0] - 1) x_high = grid.count[0] - 1;
 if (x_low > x_high) continue;
-const int row = first_cell + (cz * grid.count[1] + cy) * grid.count[0];
-const int end = bounds.data[row + x_high + 1];
-for (int block = bounds.data[row + x_low]; block < end; block += lanes)
+const int end = bounds.data[row + x_high + 1] + shift;
+int first = bounds.data[row + x_low] + shift;
+"""
+
+# What a block has besides the row is put out of reach: all that is summed vanishes beyond the support.
+_BLOCKS = """
+for (int block = first & -lanes; block < end; block += lanes) {
+const float* __restrict__ record = records.data + block * width;
+const float before = (float)(first - block), until = (float)(end - block);
 #if !defined(__CUDA_ARCH__)
-#pragma clang loop vectorize(enable) vectorize_width(8) interleave(disable)
+#pragma clang loop vectorize(assume_safety) vectorize_width(8) interleave(disable)
 #endif
 for (int lane = 0; lane < lanes; ++lane) {
 #if !defined(__CUDA_ARCH__)
 #pragma clang fp reassociate(on) contract(fast)
 #endif
-const int j = block + lane;
-const bool counts = j < end;
+const bool counts = (number[lane] >= before) & (number[lane] < until);
 """
 
 
@@ -111,6 +130,11 @@ def _screen_lines(dim: int, balls: tuple[bool, ...]) -> tuple[list[str], list[st
     return before, lines
 
 
+def _part(part: int) -> str:
+    """A component of the neighbour's record."""
+    return f"record[{part} * lanes + lane]"
+
+
 def _snippet(
     dim: int,
     term: wp.Function,
@@ -121,50 +145,78 @@ def _snippet(
     signed: bool,
     screen: tuple[bool, ...],
     leaning: bool,
-    weight: wp.Function,
+    weight: wp.Function | None,
+    width: int,
+    field_at: int,
+    half: bool,
+    central: bool,
+    of_images: bool,
 ) -> str:
     """The native lines of one pair loop."""
     axes = range(dim)
     fetch, look = _screen_lines(dim, screen) if screen else ([], [])
     lines = [_LANES]
     for k in axes:
-        lines += [
-            f"const float* __restrict__ px{k} = position.data + {k} * position.shape[1];",
-            f"const float* __restrict__ pu{k} = velocity.data + {k} * velocity.shape[1];",
-            f"const float X{k} = X[{k}], U{k} = U[{k}], T{k} = tilt[{k}], S{k} = sign[{k}];",
-        ]
-    lines.append("const float* __restrict__ pa = field.data;")
+        lines.append(f"const float X{k} = X[{k}], U{k} = U[{k}], T{k} = tilt[{k}], S{k} = sign[{k}];")
     if leaning:
-        lines += [f"const float* __restrict__ pl{k} = lean.data + {k} * lean.shape[1];" for k in axes]
         lines.append("const float halved = 0.5f * c.inv_c_0_squared;")
+    lines.append("const float far = 16.0f * c.support * c.support;")
     lines += fetch
-    names = [f"sum{k}" for k in (axes if force else range(2))]
-    lines += [f"float {name}[lanes] = {{}};" for name in names]
-    lines.append(_ROWS_3D if dim == 3 else "const int cz = 0; const float gap_z = 0.0f;")
-    lines.append(_ROWS)
-    lines += [f"const float x{k} = X{k} - px{k}[j], u{k} = U{k} - pu{k}[j];" for k in axes]
+    weighed = None if force or weight is None else 2 if of_images else 1
+    parts = range(dim if force else 3)
+    lines += [f"float sum{k}[lanes] = {{}};" for k in parts]
+    if half:
+        lines.append(f"float* __restrict__ own = sums.data + {place.native_func}(i + world * grid.slack, 0, {SUMS});")
+        lines += [f"const float from_before{k} = own[{k} * lanes];" for k in parts]
+    lines.append(_row_lines(dim, half, width))
+    lines += [f"const float x{k} = X{k} - {_part(k)}, u{k} = U{k} - {_part(dim + k)};" for k in axes]
+    lines.append(f"const float b = {_part(field_at)};")
     lines += look
     products = [f"S{k} * x{k} * u{k}" if signed else f"x{k} * u{k}" for k in axes]
-    tilts = [f"(T{k} - halved * pl{k}[j])" if leaning else f"T{k}" for k in axes]
-    affine = "".join(["pa[j] + offset", *(f" + {tilts[k]} * x{k}" for k in axes)])
-    field = "pa[j]" if not tilted else f"wp::max({affine}, wp::min(pa[j], 0.0f))" if force else affine
+    tilts = [f"(T{k} - halved * {_part(2 * dim + 1 + k)})" if leaning else f"T{k}" for k in axes]
+    chosen = "(counts & !hidden)" if screen else "counts"
+    affine = "".join(["offset", *(f" + {tilts[k]} * x{k}" for k in axes)])
+    field = "b"
+    if tilted:
+        lines.append(f"const float more = {affine};")
+        field = "wp::max(b + more, wp::min(b, 0.0f))" if force else "b + more"
     lines += [
-        "const float r2 = " + " + ".join(f"x{k} * x{k}" for k in axes) + ";",
+        f"const float r2 = {chosen} ? " + " + ".join(f"x{k} * x{k}" for k in axes) + " : far;",
         "const float xu = " + " + ".join(products) + ";",
         f"const float a_j = {field};",
         "const float r = sqrtf(r2);",
         f"const float w = {slope.native_func}(r, c);",
         f"const float f = {term.native_func}(r, xu, w, a, a_j, c);",
     ]
-    values = [f"f * x{k}" for k in axes] if force else ["f", f"-{weight.native_func}(r, c)"]
+    values = {k: f"f * x{k}" for k in axes} if force else {0: "f"}
+    if weighed:
+        lines.append(f"const float v = -{weight.native_func}(r, c);")
+        values[weighed] = "v"
     if drag is not None:
         lines.append(f"const float d = {drag.native_func}(r, xu, w, a, a_j, c);")
-        values = [f"{value} + d * {f'S{k} * ' * signed}u{k}" for k, value in enumerate(values)]
-    chosen = "(counts & !hidden)" if screen else "counts"
-    lines += [f"{name}[lane] += {chosen} ? {value} : 0.0f;" for name, value in zip(names, values, strict=True)]
-    lines.append("}" * dim)
-    lines += [f"for (int lane = 1; lane < lanes; ++lane) {name}[0] += {name}[lane];" for name in names]
-    lines.append("return {" + ", ".join(f"{name}[0]" for name in names) + "};")
+        values = {k: f"{value} + d * {f'S{k} * ' * signed}u{k}" for k, value in values.items()}
+    lines += [f"sum{k}[lane] += {value};" for k, value in values.items()]
+    if half:
+        # As j sees it: x and u turned round. The affine part of the density's field is then the opposite, but for what
+        # a central force makes of it, which is not linear; that of the force's is the other half of the walls' pull.
+        bend = " - c.central_force * c.inv_c_0_squared * r2" if central else ""
+        turned = "wp::max(a - offset, wp::min(a, 0.0f))" if force else f"a - more{bend}"
+        lines.append(f"const float a_i = {turned if tilted else 'a'};")
+        lines.append(f"const float f_j = {term.native_func}(r, xu, w, b, a_i, c);")
+        values = {k: f"f_j * x{k}" for k in axes} if force else {0: "f_j"}
+        if weighed:
+            values[weighed] = "v"
+        if drag is not None:
+            lines.append(f"const float d_j = {drag.native_func}(r, xu, w, b, a_i, c);")
+            values = {k: f"{value} + d_j * u{k}" for k, value in values.items()}
+        for k, value in values.items():
+            lines.append(f"sums.data[block * {SUMS} + {k} * lanes + lane] {'-' if force else '+'}= {value};")
+    lines.append("}" * (dim + 1))
+    lines += [f"for (int lane = 1; lane < lanes; ++lane) sum{k}[0] += sum{k}[lane];" for k in parts]
+    if half:
+        # What i has just given to itself goes with the rest: the next loop begins at nothing.
+        lines += [f"sum{k}[0] += from_before{k}; own[{k} * lanes] = 0.0f;" for k in parts]
+    lines.append("return {" + ", ".join(f"sum{k}[0]" for k in parts) + "};")
     return "\n".join(lines)
 
 
@@ -174,12 +226,17 @@ def make_pair_loop(
     terms: tuple[Term, ...],
     slope: wp.Function,
     force: bool,
+    width: int,
     tilted: bool = True,
     signed: bool = False,
     plain: bool = False,
     screen: tuple[bool, ...] = (),
     leaning: bool = False,
     weight: wp.Function | None = None,
+    field_at: int | None = None,
+    half: bool = False,
+    central: bool = False,
+    of_images: bool = False,
 ) -> tuple[wp.Function, wp.Function]:
     """The sum of terms over the neighbours of a place.
 
@@ -187,23 +244,33 @@ def make_pair_loop(
         dim: Number of dimensions.
         terms: The physics: DensityRate, or Force and Drag.
         slope: Warp function (r, Constants) -> W'(r)/r.
-        force: True returns the vector sum of f x + d u (dim,), d from the Drags; False (sum of f, sum of -weight).
+        force: True returns the vector sum of f x + d u (dim,), d from the Drags; False the sum of f, and of what the
+            particles weigh, and of what images weigh, of which a loop is about one.
+        width: Number of parts of a record.
         tilted: Whether the affine part of the field is compiled in.
         signed: Whether each u_k is multiplied by sign[k] (no-slip images).
         plain: True makes the twin in plain Warp, the reference for tests.
         screen: For each body that may hide neighbours whether it is a ball; the others are boxes.
-        leaning: Whether the accelerations `lean` are compiled in; it goes with `tilted`.
-        weight: Warp function (r, Constants) -> what each neighbour weighs in the second sum; None is `slope`.
+        leaning: Whether the accelerations, which then are the last parts of a record, are compiled in; it goes with
+            `tilted`.
+        weight: Warp function (r, Constants) -> what each neighbour weighs, the opposite of it; None is nothing.
+        field_at: Which part of a record is the field; None is the one after the velocity.
+        half: Whether each pair is met once, by the first of the two, whose own place X must be, or the mirror image of
+            it, signs apart. Every live particle of a world must then be called for, in order; one is asked for itself
+            first and for its images then.
+        central: In half a loop: whether a central force bends the field.
+        of_images: Whether the loop is about images.
 
     Returns:
-        The loop (X, U, a, offset, tilt, sign, first_cell, reach, position, velocity, field, lean, bounds, grid, c) ->
-        sum, where a loop that does not lean leaves lean unread (hand it any array), with a further argument where there
-        are bodies, the matrix of their middles and half sides (body, 2 dim); and a function (c) -> float that a kernel
-        must name in a branch never taken, so that Warp writes the terms ahead of the native lines that call them.
+        The loop (i, X, U, a, offset, tilt, sign, world, reach, records, bounds, grid, c, sums) -> sum, where i is the
+        particle's slot and sums has what those before it have added (as many records as slots, zero at first, and left
+        zero by all who read theirs), both of use in half a loop only; with a further argument where there are bodies,
+        the matrix of their middles and half sides (body, 2 dim). And a function (c) -> float that a kernel must name in
+        a branch never taken, so that Warp writes the terms ahead of the native lines that call them.
     """
     vec = wp.types.vector(dim, wp.float32)
-    result = vec if force else wp.vec2
-    weight = weight or slope
+    result = vec if force else wp.vec3
+    field_at = 2 * dim if field_at is None else field_at
     drags = tuple(bound(term, dim) for term in terms if isinstance(term, Drag))
     term = total(tuple(bound(term, dim) for term in terms if not isinstance(term, Drag)))
     drag = total(drags) if drags else None
@@ -213,32 +280,39 @@ def make_pair_loop(
         value = term(0.0, 0.0, slope(0.0, c), 0.0, 0.0, c)
         if wp.static(drag is not None):
             value += drag(0.0, 0.0, slope(0.0, c), 0.0, 0.0, c)
-        return value + weight(0.0, c)
+        if wp.static(weight is not None):
+            value += weight(0.0, c)
+        return value + float(place(0, 0, 1))
 
     if plain:
-        return _plain_loop(dim, term, drag, slope, force, tilted, signed, screen, leaning, weight), emit_terms
+        twin = _plain_loop(
+            dim, term, drag, slope, force, tilted, signed, screen, leaning, weight, width, field_at, of_images
+        )
+        return twin, emit_terms
 
-    snippet = _snippet(dim, term, drag, slope, force, tilted, signed, screen, leaning, weight)
+    snippet = _snippet(
+        dim, term, drag, slope, force, tilted, signed, screen, leaning, weight, width, field_at, half, central,
+        of_images,
+    )  # fmt: skip
     if screen:
         Screens = wp.types.matrix((len(screen), 2 * dim), wp.float32)
 
         @wp.func_native(snippet)
         def screened_loop(
+            i: int,
             X: vec,
             U: vec,
             a: float,
             offset: float,
             tilt: vec,
             sign: vec,
-            first_cell: int,
+            world: int,
             reach: float,
-            position: wp.array2d[float],
-            velocity: wp.array2d[float],
-            field: wp.array[float],
-            lean: wp.array2d[float],
+            records: wp.array[float],
             bounds: wp.array[int],
             grid: Grid,
             c: Constants,
+            sums: wp.array[float],
             screens: Screens,
         ) -> result: ...
 
@@ -246,21 +320,20 @@ def make_pair_loop(
 
     @wp.func_native(snippet)
     def pair_loop(
+        i: int,
         X: vec,
         U: vec,
         a: float,
         offset: float,
         tilt: vec,
         sign: vec,
-        first_cell: int,
+        world: int,
         reach: float,
-        position: wp.array2d[float],
-        velocity: wp.array2d[float],
-        field: wp.array[float],
-        lean: wp.array2d[float],
+        records: wp.array[float],
         bounds: wp.array[int],
         grid: Grid,
         c: Constants,
+        sums: wp.array[float],
     ) -> result: ...
 
     return pair_loop, emit_terms
@@ -276,11 +349,14 @@ def _plain_loop(
     signed: bool,
     screen: tuple[bool, ...],
     leaning: bool,
-    weight: wp.Function,
+    weight: wp.Function | None,
+    width: int,
+    field_at: int,
+    of_images: bool,
 ) -> wp.Function:
     """The pair loop in plain Warp: every particle of every cell within reach, no rows cut."""
     vec = wp.types.vector(dim, wp.float32)
-    result = vec if force else wp.vec2
+    result = vec if force else wp.vec3
     Screens = wp.types.matrix((max(len(screen), 1), 2 * dim), wp.float32)
     balls = wp.int32(sum(bool(ball) << row for row, ball in enumerate(screen)))
 
@@ -320,21 +396,20 @@ def _plain_loop(
 
     @wp.func
     def sum_over_pairs(
+        i: int,
         X: vec,
         U: vec,
         a: float,
         offset: float,
         tilt: vec,
         sign: vec,
-        first_cell: int,
+        world: int,
         reach: float,
-        position: wp.array2d[float],
-        velocity: wp.array2d[float],
-        field: wp.array[float],
-        lean: wp.array2d[float],
+        records: wp.array[float],
         bounds: wp.array[int],
         grid: Grid,
         c: Constants,
+        sums: wp.array[float],
         screens: Screens,
     ) -> result:
         low = wp.vec3i(0, 0, 0)
@@ -346,26 +421,28 @@ def _plain_loop(
         for cz in range(low[2], high[2] + 1):
             for cy in range(low[1], high[1] + 1):
                 for cx in range(low[0], high[0] + 1):
-                    cell = first_cell + (cz * grid.count[1] + cy) * grid.count[0] + cx
+                    cell = world * grid.stride + (cz * grid.count[1] + cy) * grid.count[0] + cx
                     for j in range(bounds[cell], bounds[cell + 1]):
                         x = vec()
                         u = vec()
                         xu = float(0.0)
-                        a_j = field[j]
+                        k_j = j + world * grid.slack
+                        a_j = records[place(k_j, wp.static(field_at), wp.static(width))]
                         lowest = wp.min(a_j, 0.0)
                         if wp.static(tilted):
                             a_j += offset
                         seen = bool(True)
                         for k in range(wp.static(dim)):
-                            x[k] = X[k] - position[k, j]
-                            u[k] = U[k] - velocity[k, j]
+                            x[k] = X[k] - records[place(k_j, k, wp.static(width))]
+                            u[k] = U[k] - records[place(k_j, wp.static(dim) + k, wp.static(width))]
                             if wp.static(signed):
                                 u[k] *= sign[k]
                             xu += x[k] * u[k]
                             if wp.static(tilted):
                                 a_j += tilt[k] * x[k]
                             if wp.static(leaning):
-                                a_j -= 0.5 * c.inv_c_0_squared * lean[k, j] * x[k]
+                                lean = records[place(k_j, wp.static(2 * dim + 1) + k, wp.static(width))]
+                                a_j -= 0.5 * c.inv_c_0_squared * lean * x[k]
                         if wp.static(force and tilted):
                             a_j = wp.max(a_j, lowest)
                         if wp.static(len(screen) > 0):
@@ -379,7 +456,9 @@ def _plain_loop(
                                 if wp.static(drag is not None):
                                     sum += drag(r, xu, w, a, a_j, c) * u
                             else:
-                                sum += wp.vec2(f, -weight(r, c))
+                                sum[0] += f
+                                if wp.static(weight is not None):
+                                    sum[wp.static(2 if of_images else 1)] -= weight(r, c)
         return sum
 
     if screen:
@@ -387,24 +466,21 @@ def _plain_loop(
 
     @wp.func
     def pair_loop(
+        i: int,
         X: vec,
         U: vec,
         a: float,
         offset: float,
         tilt: vec,
         sign: vec,
-        first_cell: int,
+        world: int,
         reach: float,
-        position: wp.array2d[float],
-        velocity: wp.array2d[float],
-        field: wp.array[float],
-        lean: wp.array2d[float],
+        records: wp.array[float],
         bounds: wp.array[int],
         grid: Grid,
         c: Constants,
+        sums: wp.array[float],
     ) -> result:
-        return sum_over_pairs(
-            X, U, a, offset, tilt, sign, first_cell, reach, position, velocity, field, lean, bounds, grid, c, Screens()
-        )
+        return sum_over_pairs(i, X, U, a, offset, tilt, sign, world, reach, records, bounds, grid, c, sums, Screens())
 
     return pair_loop

@@ -24,10 +24,11 @@ falls with the spacing. Taylor-Green vortices at h = 2 dx, 50 and 100 across, er
 and 3.4 at 50 without shifting. From 0.02 to 0.2 the longest shift changes nothing.
 """
 
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import warp as wp
 
+from fluidgym.compilation import OPTIONS, shared_module
 from fluidgym.sph.constants import Constants
 from fluidgym.sph.neighbors import Grid
 from fluidgym.sph.pair_loop import make_pair_loop
@@ -71,29 +72,27 @@ def make_shift_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
     flags = wp.types.vector(dim, wp.int32)
     images = make_images(s)
     near, count, query = images.near, images.count, images.query
-    loop, emit_terms = make_pair_loop(dim, (s.shift,), s.slope, True, False, plain=s.plain)
+    of_fluid = partial(make_pair_loop, dim, (s.shift,), s.slope, True, s.end_width, False, plain=s.plain)
+    (own_loop, emit_terms), (loop, _) = of_fluid(half=s.half), of_fluid()
 
     @wp.func
     def shift_sum(
-        x: vec, world: int, reach: float, faces: Faces, position: wp.array2d[float], velocity: wp.array2d[float],
-        field: wp.array[float], bounds: wp.array[int], grid: Grid, c: Constants,
+        i: int, x: vec, world: int, reach: float, faces: Faces, records: wp.array[float], bounds: wp.array[int],
+        grid: Grid, c: Constants, sums: wp.array[float],
     ) -> vec:  # fmt: skip
-        sum = vec()
         zero = vec()
+        sum = own_loop(i, x, zero, 0.0, 0.0, zero, zero, world, reach, records, bounds, grid, c, sums)
         found = near(x, world, faces, c.support)
-        for n in range(count(found)):
+        for n in range(1, count(found)):
             q = query(n, found, x, zero, zero, zero, world, faces, c)
-            part = loop(
-                q.position, zero, 0.0, 0.0, zero, zero, world * grid.stride, reach, position, velocity, field,
-                velocity, bounds, grid, c,
-            )  # fmt: skip
+            part = loop(i, q.position, zero, 0.0, 0.0, zero, zero, world, reach, records, bounds, grid, c, sums)
             sum += wp.cw_mul(q.turn, part)
         return sum
 
     return shift_sum, emit_terms
 
 
-@wp.kernel(module="fluidgym.shifting", enable_backward=False)
+@wp.kernel(module=shared_module("shifting"), enable_backward=False)
 def add_up_gain(
     capacity: int, before: wp.array[float], now: wp.array[float], identity: wp.array[int], gain: wp.array[wp.int64]
 ):
@@ -115,32 +114,31 @@ def make_shift(s: Structure) -> wp.Kernel:
     shift_sum, emit_terms = make_shift_sum(s)
     walls = wp.int32(sum((kind == "mirror") << face for face, kind in enumerate(kinds)))
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", module_options=OPTIONS, enable_backward=False)
     def shift(
         capacity: int,
         constants: wp.array[Constants],
         grid: Grid,
         bounds: wp.array[int],
         faces: Faces,
-        position: wp.array2d[float],
-        velocity: wp.array2d[float],
-        field: wp.array[float],
+        records: wp.array[float],
         identity: wp.array[int],
         gain: wp.array[wp.int64],
         density_error: wp.array[float],
-        position_out: wp.array2d[float],
+        position: wp.array2d[float],
+        sums: wp.array[float],
     ):
         i = wp.tid()
         world = i // capacity
         c = constants[world]
         if capacity < 0:
-            position_out[0, i] = emit_terms(c)
+            density_error[i] = emit_terms(c)
         x = vec()
         for k in range(wp.static(dim)):
             x[k] = position[k, i]
         if identity[i] >= 0:
             reach = c.support + c.skin
-            sum = shift_sum(x, world, reach, faces, position, velocity, field, bounds, grid, c)
+            sum = shift_sum(i, x, world, reach, faces, records, bounds, grid, c, sums)
             d = (-c.shifting * c.dt * c.volume) * sum
             length = wp.length(d)
             longest = wp.static(LONGEST) * c.spacing
@@ -158,6 +156,6 @@ def make_shift(s: Structure) -> wp.Kernel:
             live = bounds[first + grid.stride - 1] - bounds[first]
             density_error[i] -= float(gain[world]) / (ONE * float(live))
         for k in range(wp.static(dim)):
-            position_out[k, i] = x[k]
+            position[k, i] = x[k]
 
     return shift

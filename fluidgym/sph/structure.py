@@ -38,6 +38,7 @@ class Structure:
         shift: The term of the particle shifting, or None without.
         forces: Whether forces on faces and bodies are added up.
         plain: Whether the pair loop is its twin in plain Warp.
+        half: Whether each pair of particles is met once and serves both, which wants their threads one after another.
     """
 
     dim: int
@@ -64,6 +65,32 @@ class Structure:
     shift: Force | None = None
     forces: bool = False
     plain: bool = False
+    half: bool = False
+
+    @property
+    def half_images(self) -> bool:
+        """Whether a pair serves both in what they see of each other's images, too.
+
+        Then the images are mirror images all, of one pull, without signs; none is hidden by a body from one of the two,
+        and nobody asks what each wall does.
+        """
+        odd = "periodic" in self.kinds or any(self.no_slip) or self.central or self.balls or self.forces
+        return self.half and not odd
+
+    @property
+    def bare_width(self) -> int:
+        """Parts of a record that is place, velocity and field."""
+        return 2 * self.dim + 1
+
+    @property
+    def middle_width(self) -> int:
+        """Parts of a record at the middle of a step: density error for a field, and the acceleration where it leans."""
+        return self.bare_width + self.dim * self.leaning
+
+    @property
+    def end_width(self) -> int:
+        """Parts of a record at the end of a step: what the force terms read for a field, and temperature if any."""
+        return self.bare_width + self.heat
 
     @property
     def has_images(self) -> bool:

@@ -51,7 +51,10 @@ def point_volume(hit: float, end: float, m: int, share: float, dim: int, c: Cons
 
 @lru_cache
 def make_density_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
-    """The first sweep's sum: (of the density terms, of -W'/r, of that over particles alone), over V; and emit_terms."""
+    """The first sweep's sum: (of the density terms, of -W'/r over particles, over what else is near), over V.
+
+    And the function that emits the terms.
+    """
     dim, leaning = s.dim, s.leaning
     tilted = s.gravity or s.has_walls or leaning
     vec = wp.types.vector(dim, wp.float32)
@@ -60,17 +63,21 @@ def make_density_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
     near, count, query, near_bare = images.near, images.count, images.query, images.near_bare
     near_body, patch, ray, screens = solids.near, solids.patch, solids.ray, solids.screens
     pair_loop = partial(make_pair_loop, dim, slope=slope, force=False, plain=s.plain, weight=weight)
-    frozen_loop, emit_frozen = pair_loop(_of_frozen(s, s.density_terms), tilted=False)
-    loop, emit_fluid = pair_loop(s.density_terms, tilted=tilted, leaning=leaning)
-    screened, _ = pair_loop(s.density_terms, tilted=tilted, screen=_screen(s), leaning=leaning)
+    frozen_loop, emit_frozen = pair_loop(
+        _of_frozen(s, s.density_terms), width=s.bare_width, tilted=False, of_images=True
+    )
+    of_fluid = partial(pair_loop, s.density_terms, width=s.middle_width, tilted=tilted, leaning=leaning)
+    own, of_images = partial(of_fluid, half=s.half, central=s.central), partial(of_fluid, of_images=True)
+    (loop, emit_fluid), (screened, _) = of_images(half=s.half_images), of_images(screen=_screen(s))
+    (own_loop, _), (own_screened, _) = own(), own(screen=_screen(s))
     term = total(tuple(bound(term, dim) for term in s.density_terms))
 
     @wp.func
     def shadow(
         x: vec, u: vec, a: float, found: flags, world: int, faces: Faces, bodies: Bodies, c: Constants
-    ) -> wp.vec2:
+    ) -> wp.vec3:
         """The sum over the dummy points behind bodies."""
-        sum = wp.vec2(0.0, 0.0)
+        sum = wp.vec3(0.0, 0.0, 0.0)
         for n in range(bodies.patches):
             it = patch(n, x, found, world, bodies, faces, c.support)
             if it.seen:
@@ -81,64 +88,56 @@ def make_density_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
                         for m in range(4):
                             point = point_volume(hit.distance, hit.end, m, hit.share, wp.static(dim), c)
                             r = point[0]
-                            sum += point[1] * wp.vec2(term(r, -r * closing, slope(r, c), a, a, c), -weight(r, c))
+                            rate = term(r, -r * closing, slope(r, c), a, a, c)
+                            sum += point[1] * wp.vec3(rate, 0.0, -weight(r, c))
         return sum
 
     @wp.func
     def density_sum(
-        x: vec, u: vec, a: float, g: vec, lean: vec, world: int, reach: float, faces: Faces, bodies: Bodies,
-        frozen: Frozen, frozen_grid: Grid, position: wp.array2d[float], velocity: wp.array2d[float],
-        field: wp.array[float], acceleration: wp.array2d[float], bounds: wp.array[int], grid: Grid, c: Constants,
+        i: int, free: bool, x: vec, u: vec, a: float, g: vec, lean: vec, world: int, reach: float, faces: Faces,
+        bodies: Bodies, frozen: Frozen, frozen_grid: Grid, records: wp.array[float], bounds: wp.array[int], grid: Grid,
+        c: Constants, sums: wp.array[float],
     ) -> wp.vec3:  # fmt: skip
-        sum = wp.vec2(0.0, 0.0)
-        in_sight = float(0.0)  # what other particles weigh, without images and bodies
+        sum = wp.vec3(0.0, 0.0, 0.0)
         one = vec(1.0)
         tilt = c.inv_c_0_squared * (g - lean)
-        first_cell = world * grid.stride
-        found = flags()
         shaded = bool(False)
         if wp.static(len(s.balls) > 0):
             shaded = near_body(x, world, bodies, c.support)
-        if wp.static(s.has_images):
-            found = near(x, world, faces, c.support)
-            for n in range(count(found)):
-                q = query(n, found, x, u, g, lean, world, faces, c)
-                if wp.static(len(s.balls) > 0):
-                    if shaded:
-                        sum += screened(
-                            q.position, q.velocity, a, q.offset, q.density_tilt, one, first_cell, reach, position,
-                            velocity, field, acceleration, bounds, grid, c,
-                            screens(world, bodies, q.turn, q.plane, x - q.position, c.support),
+            if shaded:
+                sum = own_screened(
+                    i, x, u, a, 0.0, tilt, one, world, reach, records, bounds, grid, c, sums,
+                    screens(world, bodies, one, x, one, c.support),
+                )  # fmt: skip
+        if not shaded:
+            sum = own_loop(i, x, u, a, 0.0, tilt, one, world, reach, records, bounds, grid, c, sums)
+        if free:
+            found = flags()
+            if wp.static(s.has_images):
+                found = near(x, world, faces, c.support)
+                for n in range(1, count(found)):
+                    q = query(n, found, x, u, g, lean, world, faces, c)
+                    if wp.static(len(s.balls) > 0):
+                        if shaded:
+                            sum += screened(
+                                i, q.position, q.velocity, a, q.offset, q.density_tilt, one, world, reach, records,
+                                bounds, grid, c, sums,
+                                screens(world, bodies, q.turn, q.plane, x - q.position, c.support),
+                            )  # fmt: skip
+                    if not shaded:
+                        sum += loop(
+                            i, q.position, q.velocity, a, q.offset, q.density_tilt, one, world, reach, records, bounds,
+                            grid, c, sums,
                         )  # fmt: skip
-                if not shaded:
-                    sum += loop(
-                        q.position, q.velocity, a, q.offset, q.density_tilt, one, first_cell, reach, position,
-                        velocity, field, acceleration, bounds, grid, c,
-                    )  # fmt: skip
-                if n == 0:
-                    in_sight = sum[1]
-        else:
             if wp.static(len(s.balls) > 0):
                 if shaded:
-                    sum += screened(
-                        x, u, a, 0.0, tilt, one, first_cell, reach, position, velocity, field, acceleration, bounds,
-                        grid, c, screens(world, bodies, one, x, one, c.support),
-                    )  # fmt: skip
-            if not shaded:
-                sum += loop(
-                    x, u, a, 0.0, tilt, one, first_cell, reach, position, velocity, field, acceleration, bounds, grid, c
-                )
-            in_sight = sum[1]
-        if wp.static(len(s.balls) > 0):
-            if shaded:
-                sum += shadow(x, u, a, found, world, faces, bodies, c)
-        if wp.static(s.frozen):
-            if near_bare(x, world, faces, c.support):
-                sum += frozen_loop(
-                    x, u, a, 0.0, vec(), one, 0, reach, frozen.position, frozen.velocity, frozen.field,
-                    frozen.velocity, frozen.bounds, frozen_grid, c,
-                )  # fmt: skip
-        return wp.vec3(sum[0], sum[1], in_sight)
+                    sum += shadow(x, u, a, found, world, faces, bodies, c)
+            if wp.static(s.frozen):
+                if near_bare(x, world, faces, c.support):
+                    sum += frozen_loop(
+                        i, x, u, a, 0.0, vec(), one, 0, reach, frozen.records, frozen.bounds, frozen_grid, c, sums
+                    )
+        return sum
 
     @wp.func
     def emit_terms(c: Constants) -> float:
@@ -162,9 +161,12 @@ def make_force_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
     near, count, query, near_bare = images.near, images.count, images.query, images.near_bare
     near_body, patch, ray, screens = solids.near, solids.patch, solids.ray, solids.screens
     record_face, record_body = images.record, solids.record
-    frozen_loop, emit_frozen = make_pair_loop(dim, _of_frozen(s, s.force_terms), slope, True, False, plain=s.plain)
-    loop, emit_fluid = make_pair_loop(dim, s.force_terms, slope, True, tilted, signed, s.plain)
-    screened, _ = make_pair_loop(dim, s.force_terms, slope, True, tilted, signed, s.plain, _screen(s))
+    pair_loop = partial(make_pair_loop, dim, slope=slope, force=True, plain=s.plain)
+    frozen_loop, emit_frozen = pair_loop(_of_frozen(s, s.force_terms), width=s.bare_width, tilted=False)
+    of_fluid = partial(pair_loop, s.force_terms, width=s.end_width)
+    own, of_images = partial(of_fluid, tilted=False, half=s.half), partial(of_fluid, tilted=tilted, signed=signed)
+    (own_loop, emit_fluid), (own_screened, _) = own(), own(screen=_screen(s))
+    (loop, _), (screened, _) = of_images(half=s.half_images), of_images(screen=_screen(s))
     drags = tuple(bound(term, dim) for term in s.force_terms if isinstance(term, Drag))
     force = total(tuple(bound(term, dim) for term in s.force_terms if not isinstance(term, Drag)))
     drag = total(drags) if drags else no_term
@@ -215,57 +217,53 @@ def make_force_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
 
     @wp.func
     def force_sum(
-        x: vec, u: vec, a: float, g: vec, world: int, reach: float, faces: Faces, bodies: Bodies, frozen: Frozen,
-        frozen_grid: Grid, position: wp.array2d[float], velocity: wp.array2d[float], field: wp.array[float],
-        bounds: wp.array[int], grid: Grid, forces: wp.array3d[wp.int64], c: Constants,
+        i: int, free: bool, x: vec, u: vec, a: float, g: vec, world: int, reach: float, faces: Faces, bodies: Bodies,
+        frozen: Frozen, frozen_grid: Grid, records: wp.array[float], bounds: wp.array[int], grid: Grid,
+        forces: wp.array3d[wp.int64], c: Constants, sums: wp.array[float],
     ) -> vec:  # fmt: skip
         sum = vec()
+        zero = vec()
         one = vec(1.0)
-        first_cell = world * grid.stride
-        found = flags()
         shaded = bool(False)
         if wp.static(n_bodies > 0):
             shaded = near_body(x, world, bodies, c.support)
-        if wp.static(s.has_images):
-            found = near(x, world, faces, c.support)
-            for n in range(count(found)):
-                q = query(n, found, x, u, g, vec(), world, faces, c)
-                f = vec()
-                if wp.static(n_bodies > 0):
-                    if shaded:
-                        f = screened(
-                            q.position, q.viscous_velocity, a, q.offset, q.pressure_tilt, q.viscous_turn, first_cell,
-                            reach, position, velocity, field, velocity, bounds, grid, c,
-                            screens(world, bodies, q.turn, q.plane, x - q.position, c.support),
+            if shaded:
+                sum = own_screened(
+                    i, x, u, a, 0.0, zero, one, world, reach, records, bounds, grid, c, sums,
+                    screens(world, bodies, one, x, one, c.support),
+                )  # fmt: skip
+        if not shaded:
+            sum = own_loop(i, x, u, a, 0.0, zero, one, world, reach, records, bounds, grid, c, sums)
+        if free:
+            found = flags()
+            if wp.static(s.has_images):
+                found = near(x, world, faces, c.support)
+                for n in range(1, count(found)):
+                    q = query(n, found, x, u, g, zero, world, faces, c)
+                    f = vec()
+                    if wp.static(n_bodies > 0):
+                        if shaded:
+                            f = screened(
+                                i, q.position, q.viscous_velocity, a, q.offset, q.pressure_tilt, q.viscous_turn, world,
+                                reach, records, bounds, grid, c, sums,
+                                screens(world, bodies, q.turn, q.plane, x - q.position, c.support),
+                            )  # fmt: skip
+                    if not shaded:
+                        f = loop(
+                            i, q.position, q.viscous_velocity, a, q.offset, q.pressure_tilt, q.viscous_turn, world,
+                            reach, records, bounds, grid, c, sums,
                         )  # fmt: skip
-                if not shaded:
-                    f = loop(
-                        q.position, q.viscous_velocity, a, q.offset, q.pressure_tilt, q.viscous_turn, first_cell,
-                        reach, position, velocity, field, velocity, bounds, grid, c,
-                    )  # fmt: skip
-                sum += wp.cw_mul(q.turn, f)
-                if wp.static(s.forces and "mirror" in s.kinds):
-                    record_face(c.volume * wp.cw_mul(q.turn, f), q.face, world, forces, c)
-        else:
+                    sum += wp.cw_mul(q.turn, f)
+                    if wp.static(s.forces and "mirror" in s.kinds):
+                        record_face(c.volume * wp.cw_mul(q.turn, f), q.face, world, forces, c)
             if wp.static(n_bodies > 0):
                 if shaded:
-                    sum += screened(
-                        x, u, a, 0.0, vec(), one, first_cell, reach, position, velocity, field, velocity, bounds,
-                        grid, c, screens(world, bodies, one, x, one, c.support),
-                    )  # fmt: skip
-            if not shaded:
-                sum += loop(
-                    x, u, a, 0.0, vec(), one, first_cell, reach, position, velocity, field, velocity, bounds, grid, c
-                )
-        if wp.static(n_bodies > 0):
-            if shaded:
-                sum += shadow(x, u, a, g, found, world, faces, bodies, forces, c)
-        if wp.static(s.frozen):
-            if near_bare(x, world, faces, c.support):
-                sum += frozen_loop(
-                    x, u, a, 0.0, vec(), one, 0, reach, frozen.position, frozen.velocity, frozen.field,
-                    frozen.velocity, frozen.bounds, frozen_grid, c,
-                )  # fmt: skip
+                    sum += shadow(x, u, a, g, found, world, faces, bodies, forces, c)
+            if wp.static(s.frozen):
+                if near_bare(x, world, faces, c.support):
+                    sum += frozen_loop(
+                        i, x, u, a, 0.0, zero, one, 0, reach, frozen.records, frozen.bounds, frozen_grid, c, sums
+                    )
         return c.volume * sum
 
     @wp.func
@@ -292,8 +290,12 @@ def make_heat_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
     images, solids, slope = make_images(s), make_bodies(s), s.slope
     near, count, query = images.near, images.count, images.query
     near_body, patch, ray, screens = solids.near, solids.patch, solids.ray, solids.screens
-    loop, emit_terms = make_pair_loop(dim, (CONDUCTION,), slope, False, False, plain=s.plain)
-    screened, _ = make_pair_loop(dim, (CONDUCTION,), slope, False, False, plain=s.plain, screen=_screen(s))
+    of_fluid = partial(
+        make_pair_loop, dim, (CONDUCTION,), slope, False, s.end_width, False, plain=s.plain, field_at=2 * dim + 1
+    )
+    own = partial(of_fluid, half=s.half)
+    (own_loop, emit_terms), (own_screened, _) = own(), own(screen=_screen(s))
+    (loop, _), (screened, _) = of_fluid(), of_fluid(screen=_screen(s))
     term = CONDUCTION.function
 
     @wp.func
@@ -316,38 +318,45 @@ def make_heat_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
 
     @wp.func
     def heat_sum(
-        x: vec, a: float, world: int, reach: float, faces: Faces, bodies: Bodies, position: wp.array2d[float],
-        velocity: wp.array2d[float], temperature: wp.array[float], bounds: wp.array[int], grid: Grid, c: Constants,
+        i: int, free: bool, x: vec, a: float, world: int, reach: float, faces: Faces, bodies: Bodies,
+        records: wp.array[float], bounds: wp.array[int], grid: Grid, c: Constants, sums: wp.array[float],
     ) -> float:  # fmt: skip
-        sum = float(0.0)
+        part = wp.vec3(0.0, 0.0, 0.0)
         zero = vec()
         one = vec(1.0)
-        first_cell = world * grid.stride
-        found = flags()
         shaded = bool(False)
         if wp.static(len(s.balls) > 0):
             shaded = near_body(x, world, bodies, c.support)
-        if wp.static(s.has_images):
-            found = near(x, world, faces, c.support)
-        for n in range(count(found)):
-            q = query(n, found, x, zero, zero, zero, world, faces, c)
-            part = wp.vec2(0.0, 0.0)
+            if shaded:
+                part = own_screened(
+                    i, x, zero, a, 0.0, zero, one, world, reach, records, bounds, grid, c, sums,
+                    screens(world, bodies, one, x, one, c.support),
+                )  # fmt: skip
+        if not shaded:
+            part = own_loop(i, x, zero, a, 0.0, zero, one, world, reach, records, bounds, grid, c, sums)
+        sum = part[0]
+        if free:
+            found = flags()
+            if wp.static(s.has_images):
+                found = near(x, world, faces, c.support)
+                for n in range(1, count(found)):
+                    q = query(n, found, x, zero, zero, zero, world, faces, c)
+                    if wp.static(len(s.balls) > 0):
+                        if shaded:
+                            part = screened(
+                                i, q.position, zero, q.flip * (a - q.shift), 0.0, zero, one, world, reach, records,
+                                bounds, grid, c, sums,
+                                screens(world, bodies, q.turn, q.plane, x - q.position, c.support),
+                            )  # fmt: skip
+                    if not shaded:
+                        part = loop(
+                            i, q.position, zero, q.flip * (a - q.shift), 0.0, zero, one, world, reach, records, bounds,
+                            grid, c, sums,
+                        )  # fmt: skip
+                    sum += q.flip * part[0]
             if wp.static(len(s.balls) > 0):
                 if shaded:
-                    part = screened(
-                        q.position, zero, q.flip * (a - q.shift), 0.0, zero, one, first_cell, reach, position,
-                        velocity, temperature, velocity, bounds, grid, c,
-                            screens(world, bodies, q.turn, q.plane, x - q.position, c.support),
-                    )  # fmt: skip
-            if not shaded:
-                part = loop(
-                    q.position, zero, q.flip * (a - q.shift), 0.0, zero, one, first_cell, reach, position,
-                    velocity, temperature, velocity, bounds, grid, c,
-                )  # fmt: skip
-            sum += q.flip * part[0]
-        if wp.static(len(s.balls) > 0):
-            if shaded:
-                sum += shadow(x, a, found, world, faces, bodies, c)
+                    sum += shadow(x, a, found, world, faces, bodies, c)
         return sum
 
     return heat_sum, emit_terms

@@ -12,7 +12,7 @@ def artificial_viscosity(r: float, xu: float, slope: float, P_i: float, P_j: flo
 
     It acts on pairs that part as on pairs that meet, and keeps angular momentum.
     """
-    return c.artificial_viscosity * xu * slope / (r * r + c.eta_squared)
+    return c.artificial_viscosity * slope * (xu / (r * r + c.eta_squared))
 
 
 @wp.func
@@ -21,7 +21,7 @@ def viscosity_monaghan(r: float, xu: float, slope: float, P_i: float, P_j: float
 
     It keeps angular momentum; on a lattice at the default smoothing length it acts 12 % (2D) to 14 % (3D) too weak.
     """
-    return c.viscosity_monaghan * xu * slope / (r * r + c.eta_squared)
+    return c.viscosity_monaghan * slope * (xu / (r * r + c.eta_squared))
 
 
 @wp.func

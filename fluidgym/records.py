@@ -1,0 +1,56 @@
+"""What the pair loops read of a particle, one record of it: place, velocity, field, and whatever a sweep wants besides.
+
+On a CPU the records of eight particles in a row are a block, one component after the other, eight numbers each: the
+eight lanes of the pair loop read a component with one load, all of a block with one address. On a GPU, where each
+thread has an eye on one neighbour at a time, a record is contiguous. The records of a world begin with a block of their
+own, so that its sums do not depend on where among other worlds it is.
+"""
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+LANES = 8  # particles in a block, as many as a vector register of a CPU holds single-precision numbers
+SUMS = 3  # numbers that a pair loop may give to a particle
+
+
+def slack(capacity: int) -> int:
+    """Records of a world beyond its slots, which fill its last block."""
+    return -capacity % LANES
+
+
+@wp.func_native(f"""
+#if defined(__CUDA_ARCH__)
+return slot * width + part;
+#else
+return (slot / {LANES} * width + part) * {LANES} + slot % {LANES};
+#endif
+""")
+def place(slot: int, part: int, width: int) -> int:
+    """Where a component of a record is; slot counts the slack of the worlds before it."""
+    ...
+
+
+def make_records(slots: int, width: int, device: wp.Device) -> wp.array:
+    """Room for records, zero."""
+    return wp.zeros((slots + slack(slots)) * width, dtype=float, device=device)
+
+
+def pack(parts: np.ndarray, device: wp.Device, capacity: int | None = None) -> wp.array:
+    """Records of parts (width, slot), on the device, of worlds of that many slots; None is a single world."""
+    width, slots = parts.shape
+    each: int = capacity or slots
+    worlds = np.asarray(parts).reshape(width, -1, each)
+    padded = np.pad(worlds, ((0, 0), (0, 0), (0, slack(each)))).reshape(width, -1)
+    in_order = padded.T if device.is_cuda else padded.reshape(width, -1, LANES).transpose(1, 0, 2)
+    return wp.array(np.ascontiguousarray(in_order).ravel(), dtype=float, device=device)
+
+
+def unpack(records: Any, width: int, capacity: int) -> np.ndarray:
+    """The parts (width, slot) of records of worlds of that many slots."""
+    flat = records.numpy()
+    in_order = flat.reshape(-1, width).T
+    if not records.device.is_cuda:
+        in_order = flat.reshape(-1, width, LANES).transpose(1, 0, 2).reshape(width, -1)
+    return in_order.reshape(width, -1, capacity + slack(capacity))[..., :capacity].reshape(width, -1)

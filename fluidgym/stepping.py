@@ -1,0 +1,320 @@
+"""The launches of a step, for some worlds side by side, and who makes them: a GPU at once, a CPU group by group.
+
+Worlds know nothing of each other, so any may go ahead. On a CPU a group of them that fits in its cache takes all
+its steps before the next one does, and as many groups are under way as there are threads. What a world does depends
+neither on its group nor on the threads.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections import deque
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
+from typing import Any
+
+import warp as wp
+
+from fluidgym.sph.integrate import advance_driven
+from fluidgym.sph.neighbors import order_by_cell, settle_order
+from fluidgym.sph.shifting import CHUNK, add_up_gain
+from fluidgym.sph.structure import Structure
+from fluidgym.state import Drains, Nozzles, ParticleArrays, State, driven_arrays, part_of, struct_part
+
+# On a GPU this many steps at most are captured at once.
+STEPS_PER_GRAPH = 64
+
+# Of a group on a CPU: more fall out of its cache, fewer make launches count.
+GROUP_PARTICLES = 2000
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What all worlds share.
+
+    Attributes:
+        structure: What is compiled in.
+        kernels: Of a step.
+        grid: The cells.
+        frozen: Wall particles that never move, or none.
+        frozen_grid: Their cells.
+        face_travel: Where faces may be, on the device.
+        body_travel: Where bodies may be, on the device.
+        moving_faces: Whether any may move.
+        moving_bodies: Whether any may move.
+    """
+
+    structure: Structure
+    kernels: SimpleNamespace
+    grid: Any
+    frozen: Any
+    frozen_grid: Any
+    face_travel: wp.array
+    body_travel: wp.array
+    moving_faces: bool
+    moving_bodies: bool
+
+
+@dataclass(frozen=True)
+class Group:
+    """Some worlds side by side.
+
+    Attributes:
+        plan: What they share with all others.
+        state: Theirs.
+        constants: Theirs, (world,).
+        gravity: Theirs, (world, dim).
+        bounds: Of their cells, (world * cells + 2,).
+        nozzles: Theirs.
+        drains: Theirs.
+    """
+
+    plan: Plan
+    state: State
+    constants: wp.array
+    gravity: wp.array
+    bounds: wp.array
+    nozzles: Any
+    drains: Any
+
+    def part(self, first: int, count: int) -> Group:
+        """Some of these worlds: the same arrays, but for the bounds."""
+        worlds, stride = self.state.num_worlds, self.plan.grid.stride
+        where = (worlds, first, count)
+        return replace(
+            self,
+            state=self.state.part(first, count),
+            constants=part_of(self.constants, *where),
+            gravity=part_of(self.gravity, *where),
+            bounds=wp.zeros(count * stride + 2, dtype=int, device=self.state.device),
+            nozzles=struct_part(Nozzles, self.nozzles, ("center", "frame", "half", "speed"), *where),
+            drains=struct_part(Drains, self.drains, ("field",), *where),
+        )
+
+    def launch(self, n: int) -> None:
+        """Go on by n steps."""
+        plan, state = self.plan, self.state
+        moves_faces, moves_bodies = plan.moving_faces, plan.moving_bodies
+        faces = state.faces_middle if moves_faces else state.faces
+        bodies = state.bodies_middle if moves_bodies else state.bodies
+        before = state.bodies_before if moves_bodies else state.bodies
+        if not plan.structure.integrator.closing_drift:  # all of the drift is done before the first sweep
+            faces, bodies = state.faces, state.bodies
+        for _ in range(n):
+            if moves_bodies:
+                wp.copy(state.bodies_before.position, state.bodies.position)
+            for moves, travel, middle, end in (
+                (moves_faces, plan.face_travel, state.faces_middle, state.faces),
+                (moves_bodies, plan.body_travel, state.bodies_middle, state.bodies),
+            ):
+                if moves:
+                    outputs = [*driven_arrays(middle).values(), *driven_arrays(end).values()]
+                    shape = outputs[0].shape
+                    wp.launch(advance_driven, shape, [self.constants, travel], outputs, device=state.device)
+            self.sort(state.now, faces, bodies, before)
+            self.sweep(state.now, faces, bodies, state.faces, state.bodies, state.now.density_error)
+            if plan.kernels.shift is not None:
+                self._shift()
+            if plan.kernels.emit is not None:
+                self._emit()
+
+    def sort(self, particles: ParticleArrays, faces: Any, bodies: Any, bodies_before: Any) -> None:
+        """Kick and drift to where the first sweep is, then put the particles in cell order."""
+        plan, state = self.plan, self.state
+        slots, cells = state.num_worlds * state.capacity, state.num_worlds * plan.grid.stride
+        bounds: Any = self.bounds
+        bounds.zero_()
+        around = [faces, bodies_before, bodies, self.nozzles, self.drains]
+        wp.launch(
+            plan.kernels.drift,
+            dim=slots,
+            inputs=[state.capacity, self.constants, plan.grid, *around, particles.acceleration],
+            outputs=[particles.position, particles.velocity, particles.identity, state.key, bounds, state.clamped],
+            device=state.device,
+        )
+        wp.utils.array_scan(bounds, bounds, inclusive=True)
+        wp.launch(order_by_cell, slots, [state.key, bounds, state.order], device=state.device)
+        if state.device.is_cuda:
+            wp.launch(settle_order, cells, [plan.grid.stride, bounds, state.order], device=state.device)
+        names = ("position", "velocity", "density_error", "identity", "temperature", "acceleration")
+        wp.launch(
+            plan.kernels.gather,
+            dim=slots,
+            inputs=[state.capacity, plan.grid, state.order, *(getattr(particles, name) for name in names)],
+            outputs=[state.middle, state.density_error, state.identity, state.temperature],
+            device=state.device,
+        )
+
+    def sweep(
+        self, particles: ParticleArrays, faces: Any, bodies: Any, faces_end: Any, bodies_end: Any, density_out: wp.array
+    ) -> None:
+        """The sweeps over pairs, from the records back into the particles."""
+        plan, state = self.plan, self.state
+        slots = state.num_worlds * state.capacity
+        shared = [state.capacity, self.constants, self.gravity, plan.grid, self.bounds]
+        carriers, frozen = [self.nozzles, self.drains], [plan.frozen, plan.frozen_grid]
+        around = [faces, faces_end, bodies, bodies_end, *carriers, *frozen]
+        wp.launch(
+            plan.kernels.advance_density,
+            dim=slots,
+            inputs=[*shared, *around, state.middle, state.identity, state.temperature],
+            outputs=[particles.position, density_out, particles.identity, state.end, state.clamped, state.sums],
+            device=state.device,
+        )
+        around = [faces_end, bodies_end, *carriers]
+        wp.launch(
+            plan.kernels.kick,
+            dim=slots,
+            inputs=[*shared, *around, *frozen, state.end, particles.identity],
+            outputs=[particles.velocity, particles.acceleration, state.forces, state.sums],
+            device=state.device,
+        )
+        if plan.kernels.conduct is not None:
+            wp.launch(
+                plan.kernels.conduct,
+                dim=slots,
+                inputs=[
+                    *(state.capacity, self.constants, plan.grid, self.bounds),
+                    *around,
+                    *(state.end, particles.identity),
+                ],
+                outputs=[particles.temperature, state.sums],
+                device=state.device,
+            )
+
+    def _shift(self) -> None:
+        """Shift the particles, and hold the mean of the density errors."""
+        plan, state, now = self.plan, self.state, self.state.now
+        state.gain.zero_()
+        wp.launch(
+            add_up_gain,
+            dim=(state.num_worlds, -(-state.capacity // CHUNK)),
+            inputs=[state.capacity, state.density_error, now.density_error, now.identity],
+            outputs=[state.gain],
+            device=state.device,
+        )
+        wp.launch(
+            plan.kernels.shift,
+            dim=state.num_worlds * state.capacity,
+            inputs=[
+                *(state.capacity, self.constants, plan.grid, self.bounds, state.faces),
+                *(state.end, now.identity, state.gain),
+            ],
+            outputs=[now.density_error, now.position, state.sums],
+            device=state.device,
+        )
+
+    def _emit(self) -> None:
+        """Let the nozzles add what is due."""
+        state, now = self.state, self.state.now
+        wp.launch(
+            self.plan.kernels.emit,
+            dim=state.num_worlds,
+            inputs=[
+                *(state.capacity, self.plan.grid.stride, self.constants, self.bounds),
+                *(self.nozzles, state.ledger),
+            ],
+            outputs=[
+                *(now.position, now.velocity, now.acceleration),
+                *(now.density_error, now.temperature, now.identity),
+            ],
+            device=state.device,
+        )
+
+
+class Stepper:
+    """Takes steps of all worlds: captures the launches once and replays them, on a CPU in several threads."""
+
+    def __init__(self, worlds: Group, threads: int):
+        """Set up; nothing is captured yet.
+
+        Args:
+            worlds: All worlds.
+            threads: Of a CPU, at most.
+        """
+        self._device = worlds.state.device
+        self._graphs: dict[tuple[int, int], Any] = {}
+        self._groups = [worlds]
+        count, capacity = worlds.state.num_worlds, worlds.state.capacity
+        if self._device.is_cpu and count > 1:
+            # As many worlds as the cache holds, and groups enough for the threads to share them evenly.
+            size = max(1, min(GROUP_PARTICLES // capacity, -(-count // (4 * threads))))
+            self._groups = [worlds.part(first, min(size, count - first)) for first in range(0, count, size)]
+        self._threads = min(threads, len(self._groups))
+
+    def step(self, n: int) -> None:
+        """Go on by n steps."""
+        if self._device.is_cuda:
+            for first in range(0, n, STEPS_PER_GRAPH):
+                wp.capture_launch(self._graph(0, min(STEPS_PER_GRAPH, n - first)))
+            return
+        graphs = [self._graph(index, 1) for index in range(len(self._groups))]
+
+        def advance(graph: Any) -> None:
+            for _ in range(n):
+                wp.capture_launch(graph)
+
+        share(advance, graphs, self._threads)
+
+    def _graph(self, index: int, n: int) -> Any:
+        """The captured launches of n steps of a group."""
+        if (index, n) not in self._graphs:
+            with wp.ScopedDevice(self._device):
+                wp.load_module(advance_driven.module, device=self._device)
+                wp.load_module(order_by_cell.module, device=self._device)
+                with wp.ScopedCapture(device=self._device) as capture:
+                    self._groups[index].launch(n)
+                self._graphs[index, n] = capture.graph
+        return self._graphs[index, n]
+
+
+_crew: ThreadPoolExecutor | None = None
+_lock = threading.Lock()
+
+
+def _forget_crew() -> None:
+    """Threads do not live on in a forked process."""
+    global _crew, _lock
+    _crew, _lock = None, threading.Lock()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forget_crew)
+
+
+def processors() -> int:
+    """How many threads this process may run at a time."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def share(work: Callable[[Any], None], items: Sequence[Any], threads: int) -> None:
+    """Do some work on each item, in several threads, this one among them; the first error is raised here."""
+    waiting = deque(items)
+
+    def take() -> None:
+        while True:
+            try:
+                item = waiting.popleft()
+            except IndexError:
+                return
+            work(item)
+
+    if threads <= 1:
+        take()
+        return
+    global _crew
+    with _lock:
+        if _crew is None:
+            _crew = ThreadPoolExecutor(max(processors(), 1), thread_name_prefix="fluidgym")
+        crew = _crew
+    others = [crew.submit(take) for _ in range(threads - 1)]
+    try:
+        take()
+    finally:
+        for other in others:
+            other.result()
