@@ -32,6 +32,7 @@ class FluidEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         *,
         render_mode: str | None = None,
         device: str | None = None,
+        threads: int | None = None,
         **options: Any,
     ):
         """Make the world.
@@ -40,6 +41,7 @@ class FluidEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             task: Name of the task.
             render_mode: "rgb_array", "human", or None.
             device: "cpu", "cuda", ...; None takes a GPU where there is one.
+            threads: How many threads of a CPU share the worlds, at most; None is as many as there are processors.
             options: What the task takes; see its class.
 
         Raises:
@@ -51,7 +53,7 @@ class FluidEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self.metadata = self._screen.metadata(self.metadata)
         self.observation_space, self.action_space = posed.observation_space, posed.action_space
         self._action_shape = posed.action_space.shape
-        self._runner: Runner | None = Runner(posed, 1, device)
+        self._runner: Runner | None = Runner(posed, 1, device, threads=threads)
 
     @property
     def task(self) -> Task:

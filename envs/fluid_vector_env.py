@@ -40,6 +40,7 @@ class FluidVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
         device: str | None = None,
+        threads: int | None = None,
         **options: Any,
     ):
         """Make the worlds.
@@ -54,6 +55,7 @@ class FluidVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 waits for reset with options={"reset_mask": mask}.
             render_mode: "rgb_array", "human" (up to 16 worlds side by side), or None.
             device: "cpu", "cuda", ...; None takes a GPU where there is one.
+            threads: How many threads of a CPU share the worlds, at most; None is as many as there are processors.
             options: What the task takes; see its class.
 
         Raises:
@@ -73,7 +75,7 @@ class FluidVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.action_space = batch_space(posed.action_space, num_envs)
         self._action_shape = posed.action_space.shape
         self._ended = np.zeros(num_envs, bool)
-        self._runner: Runner | None = Runner(posed, num_envs, device, max_episode_steps)
+        self._runner: Runner | None = Runner(posed, num_envs, device, max_episode_steps, threads)
 
     @property
     def task(self) -> Task:

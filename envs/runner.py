@@ -40,7 +40,14 @@ class Runner:
         solver: The worlds.
     """
 
-    def __init__(self, task: Task, num_worlds: int, device: str | None, max_episode_steps: int | None = None):
+    def __init__(
+        self,
+        task: Task,
+        num_worlds: int,
+        device: str | None,
+        max_episode_steps: int | None = None,
+        threads: int | None = None,
+    ):
         """Make the worlds.
 
         Args:
@@ -48,11 +55,12 @@ class Runner:
             num_worlds: Number of worlds.
             device: "cpu", "cuda", ...; None takes a GPU where there is one.
             max_episode_steps: Episodes are truncated after so many steps, or where the task ends if that is earlier.
+            threads: Of a CPU, that share the worlds at most; None is as many as there are processors.
         """
         self.task = task
         self._limit = min(task.max_episode_steps, max_episode_steps or task.max_episode_steps)
         self._steps = np.zeros(num_worlds, int)
-        self.solver = Solver(task.scene, task.scheme, num_worlds, device)
+        self.solver = Solver(task.scene, task.scheme, num_worlds, device, threads=threads)
         task.attach(self.solver)
         self._seeds: list[int | None] = [None] * num_worlds
         self._episodes = [0] * num_worlds

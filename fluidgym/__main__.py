@@ -287,13 +287,16 @@ def _add_benchmark(commands: argparse._SubParsersAction) -> None:
     parser = commands.add_parser(
         "benchmark",
         help="time the simulator, its error beside it",
-        description="Time a falling column of water at several sizes, and print the error of the same scheme. With"
-        " --cases: run time against error on cases of the validation suite, for schemes, resolutions and step sizes.",
+        description="Time a falling column of water at several sizes and in many worlds, the environments, start-up and"
+        " memory, errors of the same schemes beside them. With --cases: run time against error on cases of the"
+        " validation suite, for schemes, resolutions and step sizes.",
     )
+    parser.add_argument("--speed", action="store_true", help="how fast everything is; what is done if nothing is named")
     parser.add_argument("--features", action="store_true", help="what each feature adds to a step, on still water")
     parser.add_argument("--dim", type=int, choices=(2, 3), help="only this dimension")
     parser.add_argument("--particles", nargs="+", type=int, metavar="N", help="about so many in a world, each in turn")
     parser.add_argument("--worlds", nargs="+", type=int, metavar="N", help="worlds in a batch (default: 1)")
+    parser.add_argument("--threads", nargs="+", type=int, metavar="N", help="threads of a CPU that share the worlds")
     parser.add_argument("--device", help="cpu, cuda, cuda:1, ...; a GPU where there is one if not given")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the results to this file as well")
     group = parser.add_argument_group("run time against error")
@@ -325,62 +328,113 @@ def _add_benchmark(commands: argparse._SubParsersAction) -> None:
 
 
 # Options of `benchmark` that mean something only with --cases, and without.
-_OF_CASES = ("schemes", "resolutions", "courants", "repeats", "peers", "peer_python", "plot")
-_OF_SPEED = ("features", "particles", "worlds")
+_OF_CASES = ("schemes", "resolutions", "courants", "repeats")
+_OF_SPEED = ("speed", "features", "particles", "worlds", "threads")
 
 
 def benchmark(chosen: argparse.Namespace) -> int:
-    """Time the falling column, with the front error of the validation suite's dam break beside it; or features."""
-    from fluidgym.benchmark import COST_HEAD, SPEED_HEAD, machine, measure_costs
-    from fluidgym.solver import find_device
-    from fluidgym.validation import CASES, run
-    from fluidgym.validation.report import as_json, write_json
-
+    """Time everything, or features, or cases."""
     astray = [name for name in (_OF_SPEED if chosen.cases else _OF_CASES) if getattr(chosen, name)]
     if astray:
         option = f"--{astray[0].replace('_', '-')}"
         return _refuse(f"{option} is of no effect {'with' if chosen.cases else 'without'} --cases; leave one out")
     if chosen.cases:
         return _compare(chosen)
-    sizes, batches = chosen.particles or ([10000] if chosen.features else [2000, 10000, 50000]), chosen.worlds or [1]
-    if min(*sizes, *batches, 1) < 1:
-        return _refuse("--particles and --worlds must be 1 or more")
+    if min(*(chosen.particles or ()), *(chosen.worlds or ()), *(chosen.threads or ()), 1, 1) < 1:
+        return _refuse("--particles, --worlds and --threads must be 1 or more")
+    for name in ("peers", "plot", "speed", "threads") if chosen.features else ():
+        if getattr(chosen, name):
+            return _refuse(f"--{name} is of no effect with --features; leave one out")
+    return _features(chosen) if chosen.features else _speed(chosen)
+
+
+def _features(chosen: argparse.Namespace) -> int:
+    """What each feature adds to a step."""
+    from fluidgym.benchmark import COST_HEAD, machine, measure_costs
+    from fluidgym.solver import find_device
+
     try:
         _check_file("--json", chosen.json)
         device = str(find_device(chosen.device))
     except ValueError as error:
         return _refuse(str(error))
     facts = machine(device)
-    objects: list[dict[str, Any]] = [{"machine": facts}]
-
-    def keep(found: dict[str, Any]) -> None:
-        objects.append(found)
-        if chosen.json:
-            write_json(chosen.json, objects)
-
-    measured, head = (measure_costs, COST_HEAD) if chosen.features else (_speeds, SPEED_HEAD)
-    print(", ".join(f"{name} {value}" for name, value in facts.items()), head, sep="\n", flush=True)
-    for dim, worlds, particles in product((chosen.dim,) if chosen.dim else (2, 3), batches, sizes):
+    keep = _keeper(chosen.json, facts)
+    print(", ".join(f"{name} {value}" for name, value in facts.items()), COST_HEAD, sep="\n", flush=True)
+    sizes = (chosen.dim,) if chosen.dim else (2, 3), chosen.worlds or [1], chosen.particles or [10000]
+    for dim, worlds, particles in product(*sizes):
         try:
-            for row in measured(dim, particles, worlds, device):
+            for row in measure_costs(dim, particles, worlds, device):
                 keep(asdict(row))
                 print(row.line(), flush=True)
         except ValueError as error:  # too few particles for the scene
             return _refuse(f"{dim}D, {worlds} x {particles}: {error}")
-    if chosen.features:
-        return 0
-    result = run(CASES["dam-break"], 40, 2, device)
-    print(f"front error of the same scheme, dam-break at H/40: {result.errors['front']:.2%} in {result.wall_s:.2f} s")
-    keep(as_json(result, {}))
     return 0
 
 
-def _speeds(dim: int, particles: int, worlds: int, device: str) -> list[Any]:
-    """The speed of the falling column, with a bar on the terminal while it is measured."""
-    from fluidgym.benchmark import STRETCHES, measure_speed
+def _keeper(path: Path | None, facts: dict[str, str]) -> Any:
+    """A function that adds an object to a JSON file, which is written anew each time."""
+    from fluidgym.validation.report import write_json
 
-    with tqdm(total=STRETCHES + 1, desc=f"{dim}D, {worlds} x {particles}", leave=False, disable=None) as bar:
-        return [measure_speed(dim, particles, worlds, device, progress=bar.update)]
+    objects: list[dict[str, Any]] = [{"machine": facts}]
+
+    def keep(found: dict[str, Any]) -> None:
+        objects.append(found)
+        if path:
+            write_json(path, objects)
+
+    return keep
+
+
+def _speed(chosen: argparse.Namespace) -> int:
+    """How fast everything is, a table at a time, with a bar on the terminal."""
+    from gymnasium import registry
+
+    from fluidgym.benchmark import machine
+    from fluidgym.peers import find_interpreter, find_peer, version
+    from fluidgym.solver import find_device
+    from fluidgym.speed import draw, sections
+    from fluidgym.stepping import processors
+    from fluidgym.work_precision import check_plot
+
+    try:
+        _check_file("--json", chosen.json)
+        if chosen.plot:
+            check_plot(chosen.plot)
+        device = str(find_device(chosen.device))
+        facts = machine(device) | {"threads": str(processors())}
+        peer, interpreter = None, find_interpreter(chosen.peer_python)
+        if chosen.peers:
+            peer, *more = chosen.peers
+            if more:
+                raise ValueError(f"--peers {' '.join(chosen.peers)}: one is compared with; name one")
+            facts[peer] = version(find_peer(peer), interpreter)
+    except ValueError as error:
+        return _refuse(str(error))
+    keep, rows = _keeper(chosen.json, facts), []
+    about = ", ".join(f"{name} {value}" for name, value in facts.items())
+    dims = (chosen.dim,) if chosen.dim else (2, 3)
+    print(about, flush=True)
+    environments = {name: spec.kwargs for name, spec in registry.items() if name.startswith("fluidgym/")}
+    tables = sections(device, environments, dims, chosen.particles, chosen.worlds, chosen.threads, peer, interpreter)
+    with tqdm(total=sum(len(table.rows) for table in tables), leave=False, disable=None) as bar:
+        for table in tables:
+            with tqdm.external_write_mode():
+                print("", table.title, "", *filter(None, [table.head]), sep="\n", flush=True)
+            for measure in table.rows:
+                try:
+                    row = measure()
+                except ValueError as error:  # too few particles for the scene, a peer that fails
+                    return _refuse(str(error))
+                rows.append(row)
+                keep({"table": table.title, **asdict(row)})
+                with tqdm.external_write_mode():
+                    print(row.line(), flush=True)
+                bar.update()
+    if chosen.plot:
+        draw(rows, about, chosen.plot)
+        print(f"wrote {chosen.plot}")
+    return 0
 
 
 def _compare(chosen: argparse.Namespace) -> int:

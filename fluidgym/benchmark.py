@@ -1,10 +1,6 @@
-"""How fast the solver is: particle-steps a second on the dam break that PySPH, DualSPHysics and SPlisHSPlasH ship.
+"""What the benchmarks share, and what each feature adds to a step.
 
-A column of water, 1 m wide and 2 m high (1 x 1 x 1 m in 3D), falls into a dry tank. Compilation is timed apart, the
-clock runs once the column moves, and the median of several stretches counts. A speed means nothing without its error:
-the front error of the same scheme on the validation suite's dam break stands beside it.
-
-And what each feature adds to a step: a tank of still water is timed in turn with the same tank that has one more.
+A tank of still water is timed in turn with the same tank that has one more feature.
 """
 
 from __future__ import annotations
@@ -12,7 +8,7 @@ from __future__ import annotations
 import platform
 import statistics
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -35,49 +31,6 @@ from fluidgym.scheme import DEFAULT_SCHEME, MUELLER, Scheme
 from fluidgym.solver import Solver
 from fluidgym.sph.state_equation import TAIT
 from fluidgym.sph.wall_models import FrozenWalls, PenaltyWalls
-
-STRETCHES = 5
-SPEED_HEAD = (
-    "dim  worlds x particles  ms a step  spread  M particle-steps/s"
-    "  steps a simulated s  wall s a simulated s  set-up s"
-)
-
-
-@dataclass(frozen=True)
-class Speed:
-    """The speed of one solver.
-
-    Attributes:
-        dim: Number of dimensions.
-        worlds: Number of worlds.
-        particles: Particles of each world.
-        device: Name of the Warp device.
-        setup_s: Time to make the solver and run its first step, compilation included [s].
-        ms_per_step: Median time of a step of all worlds [ms].
-        spread: Slowest stretch over the fastest.
-        particle_steps_per_s: Over all worlds [1/s].
-        steps_per_simulated_s: [1/s].
-        wall_s_per_simulated_s: Time of the machine for a second of all worlds.
-    """
-
-    dim: int
-    worlds: int
-    particles: int
-    device: str
-    setup_s: float
-    ms_per_step: float
-    spread: float
-    particle_steps_per_s: float
-    steps_per_simulated_s: float
-    wall_s_per_simulated_s: float
-
-    def line(self) -> str:
-        """One row under SPEED_HEAD."""
-        return (
-            f"{self.dim}D   {f'{self.worlds} x {self.particles}':>18}  {self.ms_per_step:9.3f}  {self.spread:6.2f}"
-            f"  {1e-6 * self.particle_steps_per_s:18.2f}  {self.steps_per_simulated_s:19.0f}"
-            f"  {self.wall_s_per_simulated_s:20.2f}  {self.setup_s:8.1f}"
-        )
 
 
 def machine(device: str) -> dict[str, str]:
@@ -107,54 +60,6 @@ def column_scene(dim: int, particles: int) -> Scene:
     spacing = 1.0 / max(1, round(particles ** (1 / 3)))
     fluid = Fluid(Box((0.0, 0.0, 0.0), (1.0, 1.0, 1.0)), pressure="hydrostatic")
     return Scene((0.0, 0.0, 0.0), (3.0, 1.0, 2.0), spacing, [fluid])
-
-
-def measure_speed(
-    dim: int,
-    particles: int,
-    worlds: int = 1,
-    device: str | None = None,
-    scheme: Scheme = DEFAULT_SCHEME,
-    duration: float = 0.2,
-    progress: Callable[[int], object] = lambda stretches: None,
-) -> Speed:
-    """Time the falling column.
-
-    Args:
-        dim: Number of dimensions.
-        particles: About how many particles a world has.
-        worlds: Number of worlds.
-        device: Name of the Warp device; None takes a GPU where there is one.
-        scheme: How it is simulated.
-        duration: Simulated time that is timed, after as much that is not [s].
-        progress: Called with 1 after each of STRETCHES + 1 stretches.
-    """
-    begin = time.perf_counter()
-    solver = Solver(column_scene(dim, particles), scheme, worlds, device)
-    n = max(1, round(duration / STRETCHES / solver.max_step))
-    solver.step(n)
-    wp.synchronize_device(solver.device)
-    setup = time.perf_counter() - begin
-    solver.advance(duration)
-    wp.synchronize_device(solver.device)
-    progress(1)
-    stretches = []
-    for _ in range(STRETCHES):
-        stretches.append(_stretches(solver, n, 1))
-        progress(1)
-    step = statistics.median(stretches)
-    return Speed(
-        dim=dim,
-        worlds=worlds,
-        particles=solver.capacity,
-        device=str(solver.device),
-        setup_s=setup,
-        ms_per_step=1e3 * step,
-        spread=max(stretches) / min(stretches),
-        particle_steps_per_s=worlds * solver.capacity / step,
-        steps_per_simulated_s=1.0 / solver.max_step,
-        wall_s_per_simulated_s=step / solver.max_step,
-    )
 
 
 PAIRS = 7

@@ -217,7 +217,7 @@ def _lattice_slopes(kernel: SmoothingKernel, ratio: float, dim: int) -> tuple[np
 
 
 def make_structure(
-    scene: Scene, scheme: Scheme, parameters: Parameters, forces: bool, plain: bool, half: bool
+    scene: Scene, scheme: Scheme, parameters: Parameters, forces: bool, plain: bool, half: bool = False
 ) -> Structure:
     """What a solver of this scene and scheme compiles.
 

@@ -397,7 +397,8 @@ class Solver:
         # density is a sum, which is what the start should have.
         scratch = batch.density_error if self._structure.summed else wp.zeros_like(batch.density_error)
         forces = wp.clone(state.forces)  # those of the last call stay to be read
-        few.sweep(batch, *moving, density_out=scratch)
+        few.sweep_density(batch, *moving, density_out=scratch)
+        few.sweep_force(batch, *moving[2:])
         wp.copy(state.forces, forces)
         if not self._structure.summed:
             slots = count * self.capacity
@@ -467,6 +468,27 @@ class Solver:
         self._stepper.step(n)
         self.time += n * dt
         self._watch_reserve()
+
+    @property
+    def memory(self) -> int:
+        """What the arrays of all worlds take on the device [bytes]."""
+        return sum(array.size * wp.types.type_size_in_bytes(array.dtype) for array in self.arrays().values())
+
+    def arrays(self) -> dict[str, wp.array]:
+        """All arrays on the device, by name."""
+        found: dict[str, wp.array] = {}
+
+        def look(name: str, value: Any) -> None:
+            if isinstance(value, wp.array):
+                found[name] = value
+            elif isinstance(value, State | ParticleArrays) or type(value).__name__ == "NewStructInstance":
+                for field, part in vars(value).items():
+                    if not field.startswith("_"):
+                        look(f"{name}.{field}", part)
+
+        for name, value in vars(self).items():
+            look(name, value)
+        return found
 
     def _worlds(self) -> Group:
         """All worlds, as a step sees them."""

@@ -13,6 +13,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -96,6 +97,16 @@ class Group:
 
     def launch(self, n: int) -> None:
         """Go on by n steps."""
+        stages = self.stages()
+        for _ in range(n):
+            for work in stages.values():
+                work()
+
+    def stages(self) -> dict[str, Callable[[], None]]:
+        """What a step is made of, by name and in order: "move", "sort", "density", "force", "heat", "shift", "emit".
+
+        What this scene has no use for is left out.
+        """
         plan, state = self.plan, self.state
         moves_faces, moves_bodies = plan.moving_faces, plan.moving_bodies
         faces = state.faces_middle if moves_faces else state.faces
@@ -103,23 +114,35 @@ class Group:
         before = state.bodies_before if moves_bodies else state.bodies
         if not plan.structure.integrator.closing_drift:  # all of the drift is done before the first sweep
             faces, bodies = state.faces, state.bodies
-        for _ in range(n):
-            if moves_bodies:
-                wp.copy(state.bodies_before.position, state.bodies.position)
-            for moves, travel, middle, end in (
-                (moves_faces, plan.face_travel, state.faces_middle, state.faces),
-                (moves_bodies, plan.body_travel, state.bodies_middle, state.bodies),
-            ):
-                if moves:
-                    outputs = [*driven_arrays(middle).values(), *driven_arrays(end).values()]
-                    shape = outputs[0].shape
-                    wp.launch(advance_driven, shape, [self.constants, travel], outputs, device=state.device)
-            self.sort(state.now, faces, bodies, before)
-            self.sweep(state.now, faces, bodies, state.faces, state.bodies, state.now.density_error)
-            if plan.kernels.shift is not None:
-                self._shift()
-            if plan.kernels.emit is not None:
-                self._emit()
+        now, end = state.now, (state.faces, state.bodies)
+        stages: dict[str, Callable[[], None]] = {
+            "sort": partial(self.sort, now, faces, bodies, before),
+            "density": partial(self.sweep_density, now, faces, bodies, *end, now.density_error),
+            "force": partial(self.sweep_force, now, *end),
+        }
+        if moves_faces or moves_bodies:
+            stages = {"move": self._move, **stages}
+        if plan.kernels.conduct is not None:
+            stages["heat"] = self._sweep_heat
+        if plan.kernels.shift is not None:
+            stages["shift"] = self._shift
+        if plan.kernels.emit is not None:
+            stages["emit"] = self._emit
+        return stages
+
+    def _move(self) -> None:
+        """Bring faces and bodies to the middle and the end of the step."""
+        plan, state = self.plan, self.state
+        if plan.moving_bodies:
+            wp.copy(state.bodies_before.position, state.bodies.position)
+        for moves, travel, middle, end in (
+            (plan.moving_faces, plan.face_travel, state.faces_middle, state.faces),
+            (plan.moving_bodies, plan.body_travel, state.bodies_middle, state.bodies),
+        ):
+            if moves:
+                outputs = [*driven_arrays(middle).values(), *driven_arrays(end).values()]
+                inputs = [self.constants, travel]
+                wp.launch(advance_driven, outputs[0].shape, inputs, outputs, device=state.device)
 
     def sort(self, particles: ParticleArrays, faces: Any, bodies: Any, bodies_before: Any) -> None:
         """Kick and drift to where the first sweep is, then put the particles in cell order."""
@@ -148,42 +171,53 @@ class Group:
             device=state.device,
         )
 
-    def sweep(
+    def sweep_density(
         self, particles: ParticleArrays, faces: Any, bodies: Any, faces_end: Any, bodies_end: Any, density_out: wp.array
     ) -> None:
-        """The sweeps over pairs, from the records back into the particles."""
+        """The first sweep over pairs, and the closing drift."""
         plan, state = self.plan, self.state
-        slots = state.num_worlds * state.capacity
-        shared = [state.capacity, self.constants, self.gravity, plan.grid, self.bounds]
-        carriers, frozen = [self.nozzles, self.drains], [plan.frozen, plan.frozen_grid]
-        around = [faces, faces_end, bodies, bodies_end, *carriers, *frozen]
+        around = [faces, faces_end, bodies, bodies_end, self.nozzles, self.drains, plan.frozen, plan.frozen_grid]
         wp.launch(
             plan.kernels.advance_density,
-            dim=slots,
-            inputs=[*shared, *around, state.middle, state.identity, state.temperature],
+            dim=state.num_worlds * state.capacity,
+            inputs=[
+                *(state.capacity, self.constants, self.gravity, plan.grid, self.bounds),
+                *around,
+                *(state.middle, state.identity, state.temperature),
+            ],
             outputs=[particles.position, density_out, particles.identity, state.end, state.clamped, state.sums],
             device=state.device,
         )
-        around = [faces_end, bodies_end, *carriers]
+
+    def sweep_force(self, particles: ParticleArrays, faces: Any, bodies: Any) -> None:
+        """The second sweep over pairs, and the closing kick."""
+        plan, state = self.plan, self.state
+        around = [faces, bodies, self.nozzles, self.drains, plan.frozen, plan.frozen_grid]
         wp.launch(
             plan.kernels.kick,
-            dim=slots,
-            inputs=[*shared, *around, *frozen, state.end, particles.identity],
+            dim=state.num_worlds * state.capacity,
+            inputs=[
+                *(state.capacity, self.constants, self.gravity, plan.grid, self.bounds),
+                *around,
+                *(state.end, particles.identity),
+            ],
             outputs=[particles.velocity, particles.acceleration, state.forces, state.sums],
             device=state.device,
         )
-        if plan.kernels.conduct is not None:
-            wp.launch(
-                plan.kernels.conduct,
-                dim=slots,
-                inputs=[
-                    *(state.capacity, self.constants, plan.grid, self.bounds),
-                    *around,
-                    *(state.end, particles.identity),
-                ],
-                outputs=[particles.temperature, state.sums],
-                device=state.device,
-            )
+
+    def _sweep_heat(self) -> None:
+        """The sweep that conducts heat."""
+        plan, state = self.plan, self.state
+        wp.launch(
+            plan.kernels.conduct,
+            dim=state.num_worlds * state.capacity,
+            inputs=[
+                *(state.capacity, self.constants, plan.grid, self.bounds),
+                *(state.faces, state.bodies, self.nozzles, self.drains, state.end, state.now.identity),
+            ],
+            outputs=[state.now.temperature, state.sums],
+            device=state.device,
+        )
 
     def _shift(self) -> None:
         """Shift the particles, and hold the mean of the density errors."""

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from fluidgym import accuracy_card, benchmark, paraview, recording
+from fluidgym import accuracy_card, benchmark, paraview, recording, speed
 from fluidgym.__main__ import main
 from fluidgym.envs.tasks.dam_break_contain import DamBreakContain
 from fluidgym.layout import Parameters, make_structure
@@ -130,14 +130,27 @@ def test_a_benchmark_looks_for_the_folder_of_its_results_first(path, capsys):
 
 
 def test_a_benchmark_keeps_every_row_it_has(tmp_path, monkeypatch):
-    written = []
+    written, measure = [], speed.measure_speed
     monkeypatch.setattr("fluidgym.validation.report.write_json", lambda path, rows: written.append(len(rows)))
 
-    def interrupt(*_):
-        raise KeyboardInterrupt
+    def interrupt(dim, size, *rest, **options):
+        if len(written) == 2:
+            raise KeyboardInterrupt
+        return measure(dim, size, *rest, **options, stretch_s=1e-3)
 
-    monkeypatch.setattr("fluidgym.validation.run", interrupt)
-    arguments = ["--dim", "2", "--particles", "200", "400", "--device", "cpu", "--json", str(tmp_path / "out.json")]
+    monkeypatch.setattr(speed, "measure_speed", interrupt)
+    arguments = [
+        "--dim",
+        "2",
+        "--particles",
+        "200",
+        "300",
+        "400",
+        "--device",
+        "cpu",
+        "--json",
+        str(tmp_path / "o.json"),
+    ]
     with pytest.raises(KeyboardInterrupt):
         main(["benchmark", *arguments])
     assert written == [2, 3]  # the machine, and one row more each time
@@ -263,7 +276,11 @@ def test_an_interrupted_comparison_keeps_what_it_has(toy_case, tmp_path, monkeyp
         ([*COMPARE, "dam-break", "--features"], ["--features", "with --cases"]),
         ([*COMPARE, "dam-break", "--particles", "100"], ["--particles", "with --cases"]),
         (["benchmark", "--schemes", "default"], ["--schemes", "without --cases"]),
-        (["benchmark", "--peer-python", "python"], ["--peer-python", "without --cases"]),
+        (["benchmark", "--peers", "pysph", "--peer-python", "no/python"], ["no/python", "name a Python"]),
+        (["benchmark", "--peers", "pysph", "pysph-edac"], ["--peers", "name one"]),
+        (["benchmark", "--threads", "0"], ["--threads", "1 or more"]),
+        (["benchmark", "--features", "--plot", "x.png"], ["--plot", "with --features"]),
+        ([*COMPARE, "dam-break", "--threads", "2"], ["--threads", "with --cases"]),
     ],
 )
 def test_what_cannot_be_compared_is_refused_in_one_line(arguments, said, capsys):

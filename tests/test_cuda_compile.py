@@ -25,6 +25,7 @@ def build():
     import gymnasium
 
     import fluidgym
+    from fluidgym import solver
     from fluidgym.scene import (
         OPEN,
         PERIODIC,
@@ -41,10 +42,14 @@ def build():
     )
     from fluidgym.scheme import MUELLER, Scheme
     from fluidgym.solver import Solver
+    from fluidgym.speed import count_neighbours
     from fluidgym.sph.integrators import EXPLICIT_EULER
     from fluidgym.sph.state_equation import TAIT
     from fluidgym.sph.wall_models import ClampWalls, FrozenWalls
 
+    # As a GPU has them: threads of a GPU do not come one after another, so a pair is met twice.
+    make_structure = solver.make_structure
+    solver.make_structure = lambda *rest, **flags: make_structure(*rest, **flags | {"half": False})
     for package in pkgutil.walk_packages(fluidgym.__path__, "fluidgym."):
         if package.name.startswith(("fluidgym.sph", "fluidgym.state")):
             importlib.import_module(package.name)
@@ -56,7 +61,7 @@ def build():
         rich = Scene((0.0,) * dim, (1.0,) * dim, 0.1, block, faces, material=Material(viscosity=1e-3))
         still = dict.fromkeys(face_names(dim), OPEN)
         bare = Scene((0.0,) * dim, (1.0,) * dim, 0.1, block, still, gravity=0.0, reference_speed=1.0)
-        Solver(rich, Scheme(state_equation=TAIT), device="cpu")
+        count_neighbours(Solver(rich, Scheme(state_equation=TAIT), device="cpu"))
         Solver(bare, Scheme(density_diffusion=0.0, artificial_viscosity=0.0, acoustic_damping=0.0), device="cpu")
         Solver(bare, Scheme(acoustic_damping=0.0), device="cpu")
         later = Solver(rich, Scheme(density_diffusion=0.0), device="cpu")

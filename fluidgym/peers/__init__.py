@@ -8,7 +8,8 @@ The file handed over is an .npz with
 
     position (n, dim) [m], velocity (n, dim) [m/s], pressure (n,) [Pa]   at the start
     times (m,) [s]     at which the particles are wanted
-    facts              JSON: method, courant (over that of the peer's own examples), dim, spacing [m], density
+    facts              JSON: method, courant (over that of the peer's own examples), ratio (h over the spacing beside
+                       walls; null is the peer's own), dim, spacing [m], density
                        [kg/m3], sound_speed [m/s], reference_speed [m/s], viscosity [m2/s], gravity [m/s2], lower and
                        upper corner [m], faces (the kind of each, in order)
 
@@ -202,12 +203,44 @@ def run(
     return replace(result, errors=case.errors(result.times, records, scene), records=records)
 
 
-def hand_over(scene: Scene, times: np.ndarray, path: Path, method: str, courant: float = 1.0) -> None:
+def pace(
+    peer: Peer, scene: Scene, duration: float, ratio: float | None = None, interpreter: str | None = None
+) -> tuple[int, float]:
+    """How many steps a peer takes for a scene, and in what time.
+
+    Args:
+        peer: The peer.
+        scene: What is simulated.
+        duration: How much of it [s].
+        ratio: Smoothing length over the spacing; None is the peer's own.
+        interpreter: What runs it; None is that of `find_interpreter`.
+
+    Returns:
+        The steps, and the time of the peer's loop [s].
+
+    Raises:
+        ValueError: The scene is more than a peer can be handed, or the peer's program fails.
+    """
+    check_scene(scene)
+    times = np.array([duration])
+    with tempfile.TemporaryDirectory(prefix="fluidgym-peer-") as folder:
+        source, target = Path(folder) / "scene.npz", Path(folder) / "flow.npz"
+        hand_over(scene, times, source, peer.method, ratio=ratio)
+        if not _run_script(peer, interpreter or find_interpreter(), source, target, lambda duration: None):
+            raise ValueError(f"{peer.name} broke down")
+        facts, _ = _take_back(peer, target, 2, len(scene.sample()), scene.dim)
+    return facts["steps"], facts["wall_s"]
+
+
+def hand_over(
+    scene: Scene, times: np.ndarray, path: Path, method: str, courant: float = 1.0, ratio: float | None = None
+) -> None:
     """Write a scene for a peer."""
     start = scene.sample()
     facts = {
         "method": method,
         "courant": courant,
+        "ratio": ratio,
         "dim": scene.dim,
         "spacing": scene.particle_spacing,
         "density": scene.material.density,

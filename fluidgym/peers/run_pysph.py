@@ -36,7 +36,7 @@ from typing import Any
 
 import numpy as np
 
-LAYERS = 4  # of wall particles
+LAYERS = 4  # of wall particles, unless the kernel reaches further
 BROKEN = 3  # exit status of a run that breaks down
 
 
@@ -177,7 +177,7 @@ def make_scheme(facts: dict[str, Any], solids: list[str]) -> tuple[Any, float]:
     dim, dx, rho, c, nu = (facts[name] for name in ("dim", "spacing", "density", "sound_speed", "viscosity"))
     courant, method = facts["courant"], facts["method"]
     everywhere = set(facts["faces"]) == {"periodic"}
-    ratio = 1.0 if everywhere else 1.3
+    ratio = 1.0 if everywhere else facts["ratio"] or 1.3
     h = ratio * dx
     names: dict[str, Any] = {"fluids": ["fluid"], "solids": solids, "dim": dim, "rho0": rho, "c0": c}
     names |= dict(zip(("gx", "gy", "gz"), facts["gravity"], strict=False))
@@ -219,12 +219,13 @@ def make_scheme(facts: dict[str, Any], solids: list[str]) -> tuple[Any, float]:
 def wall_particles(facts: dict[str, Any]) -> np.ndarray:
     """Places of the wall particles, (n, dim): the lattice of the box, carried on through its walls."""
     dim, dx = facts["dim"], facts["spacing"]
+    layers = max(LAYERS, math.ceil(2.0 * (facts["ratio"] or 1.3)))
     lines, inside = [], []
     for axis in range(dim):
         low, high = facts["lower"][axis], facts["upper"][axis]
         count = round((high - low) / dx)
         before, after = (
-            LAYERS if kind == "wall" and not lid(facts, axis, side) else 0
+            layers if kind == "wall" and not lid(facts, axis, side) else 0
             for side, kind in zip((-1.0, 1.0), facts["faces"][2 * axis : 2 * axis + 2], strict=True)
         )
         # Each wall stands where the box ends, be that a whole number of spacings away or not.
