@@ -9,6 +9,7 @@ import pytest
 from numpy.polynomial import Polynomial
 
 from fluidgym.layout import CORE_RADIUS, lattice_laplacian
+from fluidgym.records import unpack
 from fluidgym.scene import OPEN, PERIODIC, Box, Face, Fluid, Material, Particles, Scene, face_names
 from fluidgym.scheme import DEFAULT_SCHEME, MUELLER, Scheme
 from fluidgym.solver import Solver
@@ -555,12 +556,12 @@ def test_frozen_walls_are_layers_that_cover_the_support(preset, dim, device):
     scheme, _, layers = FROZEN[preset]
     scene = block(dim, Face(), jitter=0.0)
     solver, expected = Solver(scene, scheme, device=device), frozen_lattice(scene, layers[dim])
-    found = solver._frozen.position.numpy()[:, : len(expected)].T.astype(float)
+    parts = unpack(solver._frozen.records, 2 * dim + 1, len(expected))
+    found = parts[:dim].T.astype(float)
     assert solver._frozen.bounds.numpy()[-1] == len(expected)
     found, expected = (places[np.lexsort(np.round(places, 3).T)] for places in (found, expected))
     np.testing.assert_allclose(found, expected, atol=1e-6)
-    assert not solver._frozen.velocity.numpy().any()
-    assert not solver._frozen.field.numpy().any()
+    assert not parts[dim:].any()
 
 
 @pytest.mark.parametrize(("dim", "slip"), [(2, "free"), (2, "no"), (3, "free")])
@@ -579,6 +580,6 @@ def test_open_faces_have_no_frozen_particles(device):
     scene = replace(block(2), faces={"x_min": Face()} | dict.fromkeys(("x_max", "y_min", "y_max"), OPEN))
     solver = Solver(scene, replace(MUELLER, walls=FrozenWalls()), device=device)
     count = solver._frozen.bounds.numpy()[-1]
-    found = solver._frozen.position.numpy()[:, :count].T
+    found = unpack(solver._frozen.records, 5, count)[:2].T
     assert count == 2 * round((scene.upper[1] - scene.lower[1]) / DX)
     assert (found[:, 0] < scene.lower[0]).all()
