@@ -28,6 +28,9 @@ from fluidgym.state import Drains, Nozzles, ParticleArrays, State, driven_arrays
 # On a GPU this many steps at most are captured at once.
 STEPS_PER_GRAPH = 64
 
+# On a CPU a thread lets go of a group after so many, so that no thread is left with much to do alone.
+STEPS_PER_TURN = 8
+
 # Of a group on a CPU: more fall out of its cache, fewer make launches count.
 GROUP_PARTICLES = 2000
 
@@ -285,13 +288,15 @@ class Stepper:
             for first in range(0, n, STEPS_PER_GRAPH):
                 wp.capture_launch(self._graph(0, min(STEPS_PER_GRAPH, n - first)))
             return
-        graphs = [self._graph(index, 1) for index in range(len(self._groups))]
 
-        def advance(graph: Any) -> None:
-            for _ in range(n):
+        def advance(task: tuple[Any, int]) -> tuple[Any, int] | None:
+            graph, left = task
+            now = min(left, STEPS_PER_TURN) if self._threads > 1 else left
+            for _ in range(now):
                 wp.capture_launch(graph)
+            return (graph, left - now) if left > now else None
 
-        share(advance, graphs, self._threads)
+        share(advance, [(self._graph(index, 1), n) for index in range(len(self._groups))], self._threads)
 
     def _graph(self, index: int, n: int) -> Any:
         """The captured launches of n steps of a group."""
@@ -326,8 +331,14 @@ def processors() -> int:
     return os.cpu_count() or 1
 
 
-def share(work: Callable[[Any], None], items: Sequence[Any], threads: int) -> None:
-    """Do some work on each item, in several threads, this one among them; the first error is raised here."""
+def share(work: Callable[[Any], Any], items: Sequence[Any], threads: int) -> None:
+    """Do some work on each item, in several threads, this one among them; the first error is raised here.
+
+    Args:
+        work: What is done. If it gives an item back, that is to be done later.
+        items: On what.
+        threads: How many.
+    """
     waiting = deque(items)
 
     def take() -> None:
@@ -336,7 +347,9 @@ def share(work: Callable[[Any], None], items: Sequence[Any], threads: int) -> No
                 item = waiting.popleft()
             except IndexError:
                 return
-            work(item)
+            rest = work(item)
+            if rest is not None:
+                waiting.append(rest)
 
     if threads <= 1:
         take()

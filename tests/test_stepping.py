@@ -88,6 +88,16 @@ def test_work_is_shared_and_errors_come_through():
     assert set(seen) == set(range(8)) and len(set(seen.values())) == 2
     stepping.share(work, range(8), 1)
     assert set(seen.values()) == {threading.get_ident()}
+    counted = [0] * 4
+
+    def count(item):
+        counted[item] += 1
+        return item if counted[item] < 3 else None
+
+    for threads in (1, 2):
+        counted[:] = [0] * 4
+        stepping.share(count, range(4), threads)
+        assert counted == [3] * 4
 
     def fail(item):
         time.sleep(0.01)
@@ -105,7 +115,12 @@ def test_a_forked_process_has_threads_of_its_own():
     pid = os.fork()
     if pid == 0:
         seen = set()
-        stepping.share(lambda item: (seen.add(threading.get_ident()), time.sleep(0.02)), range(4), 2)
+
+        def work(item):
+            seen.add(threading.get_ident())
+            time.sleep(0.02)
+
+        stepping.share(work, range(4), 2)
         os._exit(0 if len(seen) == 2 else 1)
     assert os.waitpid(pid, 0)[1] == 0
 
