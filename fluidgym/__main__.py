@@ -395,6 +395,7 @@ def _speed(chosen: argparse.Namespace) -> int:
     from fluidgym.solver import find_device
     from fluidgym.speed import draw, sections
     from fluidgym.stepping import processors
+    from fluidgym.validation.report import finite
     from fluidgym.work_precision import check_plot
 
     try:
@@ -427,7 +428,7 @@ def _speed(chosen: argparse.Namespace) -> int:
                 except ValueError as error:  # too few particles for the scene, a peer that fails
                     return _refuse(str(error))
                 rows.append(row)
-                keep({"table": table.title, **asdict(row)})
+                keep(finite({"table": table.title, **asdict(row)}))
                 with tqdm.external_write_mode():
                     print(row.line(), flush=True)
                 bar.update()
