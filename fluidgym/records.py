@@ -2,8 +2,9 @@
 
 On a CPU the records of eight particles in a row are a block, one component after the other, eight numbers each: the
 eight lanes of the pair loop read a component with one load, all of a block with one address. On a GPU, where each
-thread has an eye on one neighbour at a time, a record is contiguous. The records of a world begin with a block of their
-own, so that its sums do not depend on where among other worlds it is.
+thread has an eye on one neighbour at a time, a record is contiguous and filled up to a multiple of four numbers, which
+is what a thread loads at once. The records of a world begin with a block of their own, so that its sums do not depend
+on where among other worlds it is.
 """
 
 from typing import Any
@@ -12,6 +13,7 @@ import numpy as np
 import warp as wp
 
 LANES = 8  # particles in a block, as many as a vector register of a CPU holds single-precision numbers
+QUAD = 4  # numbers that a thread of a GPU loads at once
 SUMS = 3  # numbers that a pair loop may give to a particle
 
 
@@ -22,7 +24,7 @@ def slack(capacity: int) -> int:
 
 @wp.func_native(f"""
 #if defined(__CUDA_ARCH__)
-return slot * width + part;
+return slot * ((width + {QUAD - 1}) / {QUAD} * {QUAD}) + part;
 #else
 return (slot / {LANES} * width + part) * {LANES} + slot % {LANES};
 #endif
@@ -32,9 +34,14 @@ def place(slot: int, part: int, width: int) -> int:
     ...
 
 
+def pitch(width: int, device: wp.Device) -> int:
+    """Numbers from one record to the next, on average."""
+    return -(-width // QUAD) * QUAD if device.is_cuda else width
+
+
 def make_records(slots: int, width: int, device: wp.Device) -> wp.array:
     """Room for records, zero."""
-    return wp.zeros((slots + slack(slots)) * width, dtype=float, device=device)
+    return wp.zeros((slots + slack(slots)) * pitch(width, device), dtype=float, device=device)
 
 
 def pack(parts: np.ndarray, device: wp.Device, capacity: int | None = None) -> wp.array:
@@ -43,14 +50,15 @@ def pack(parts: np.ndarray, device: wp.Device, capacity: int | None = None) -> w
     each: int = capacity or slots
     worlds = np.asarray(parts).reshape(width, -1, each)
     padded = np.pad(worlds, ((0, 0), (0, 0), (0, slack(each)))).reshape(width, -1)
-    in_order = padded.T if device.is_cuda else padded.reshape(width, -1, LANES).transpose(1, 0, 2)
+    filled = np.pad(padded, ((0, pitch(width, device) - width), (0, 0)))
+    in_order = filled.T if device.is_cuda else padded.reshape(width, -1, LANES).transpose(1, 0, 2)
     return wp.array(np.ascontiguousarray(in_order).ravel(), dtype=float, device=device)
 
 
 def unpack(records: Any, width: int, capacity: int) -> np.ndarray:
     """The parts (width, slot) of records of worlds of that many slots."""
     flat = records.numpy()
-    in_order = flat.reshape(-1, width).T
+    in_order = flat.reshape(-1, pitch(width, records.device)).T[:width] if records.device.is_cuda else flat
     if not records.device.is_cuda:
         in_order = flat.reshape(-1, width, LANES).transpose(1, 0, 2).reshape(width, -1)
     return in_order.reshape(width, -1, capacity + slack(capacity))[..., :capacity].reshape(width, -1)

@@ -14,7 +14,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
@@ -25,6 +25,7 @@ import numpy as np
 import warp as wp
 
 from fluidgym.benchmark import column_scene
+from fluidgym.cuda_report import CudaKernel, compiled
 from fluidgym.envs.fluid_vector_env import FluidVectorEnv
 from fluidgym.scheme import DEFAULT_SCHEME, FIDELITIES, Scheme
 from fluidgym.solver import Solver
@@ -335,6 +336,7 @@ print(time.perf_counter() - begin)
 _MEMORY = """
 import resource
 from fluidgym.benchmark import column_scene
+from fluidgym.cuda_report import CudaKernel, compiled
 from fluidgym.solver import Solver
 solver = Solver(column_scene({dim}, {particles}), device="cpu")
 solver.step(2)
@@ -635,7 +637,15 @@ def sections(
     if not cuda:
         starts += [partial(measure_memory, dim, 50000) for dim in dims]
     tables.append(Section("Start-up and memory, in new processes", "", starts))
+    if not cuda:
+        kernels = [partial(next, iterator) for dim in dims for iterator in [compiled_kernels(dim)] for _ in range(4)]
+        tables.append(Section("The kernels on a GPU, compiled for sm_90 and not run", CudaKernel.HEAD, kernels))
     return tables
+
+
+def compiled_kernels(dim: int) -> Iterator[CudaKernel]:
+    """The kernels of a step of the falling column as a GPU would have them: drift, gather and the two sweeps."""
+    yield from compiled(Solver(column_scene(dim, 500), device="cpu"))
 
 
 def draw(rows: list[Any], about: str, path: Path) -> None:

@@ -71,7 +71,7 @@ def test_an_environment_is_timed_beside_its_solver():
 def test_all_tables_have_rows_and_heads():
     tables = speed.sections("cpu", ENVIRONMENTS, peer="pysph")
     titles = [table.title for table in tables]
-    assert len(titles) == len(set(titles)) == 6
+    assert len(titles) == len(set(titles)) == 7
     several = 2 if processors() > 1 else 1
     expected = [
         2 * len(speed.SIZES[False]),
@@ -80,6 +80,7 @@ def test_all_tables_have_rows_and_heads():
         6,
         2 * (1 + several * (len(speed.ENV_BATCHES) - 1)),
         len(ENVIRONMENTS) + 2,
+        8,
     ]
     assert [len(table.rows) for table in tables] == expected
     (only,) = speed.sections("cpu", ENVIRONMENTS, dims=(3,), sizes=(100, 200), threads=(1, 2))

@@ -26,6 +26,7 @@ from fluidgym.sph.terms import Drag, Term, bound, total
 _LANES = f"""
 #if defined(__CUDA_ARCH__)
 const int lanes = 1;
+struct __align__(16) Four {{ float a, b, c, d; }};
 #else
 const int lanes = {LANES};
 #endif
@@ -81,9 +82,21 @@ int first = bounds.data[row + x_low] + shift;
 
 # What a block has besides the row is put out of reach: all that is summed vanishes beyond the support.
 _BLOCKS = """
-for (int block = first & -lanes; block < end; block += lanes) {
+int block = first & -lanes;
+float before = (float)(first - block), until = (float)(end - block);
+for (; block < end; block += lanes, before -= (float)lanes, until -= (float)lanes) {
+#if defined(__CUDA_ARCH__)
+const int quads = (width + 3) / 4;
+float record[4 * quads];
+const Four* __restrict__ packed = reinterpret_cast<const Four*>(records.data) + block * quads;
+#pragma unroll
+for (int n = 0; n < quads; ++n) {
+const Four four = packed[n];
+record[4 * n] = four.a; record[4 * n + 1] = four.b; record[4 * n + 2] = four.c; record[4 * n + 3] = four.d;
+}
+#else
 const float* __restrict__ record = records.data + block * width;
-const float before = (float)(first - block), until = (float)(end - block);
+#endif
 #if !defined(__CUDA_ARCH__)
 #pragma clang loop vectorize(assume_safety) vectorize_width(8) interleave(disable)
 #endif
@@ -91,7 +104,7 @@ for (int lane = 0; lane < lanes; ++lane) {
 #if !defined(__CUDA_ARCH__)
 #pragma clang fp reassociate(on) contract(fast)
 #endif
-const bool counts = (number[lane] >= before) & (number[lane] < until);
+const bool counts = lanes == 1 || ((number[lane] >= before) & (number[lane] < until));
 """
 
 
