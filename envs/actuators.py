@@ -59,11 +59,10 @@ class DrivenWall:
         """
         change = self.max_acceleration * self.interval
         wanted = self.max_speed * command if self.command == "velocity" else velocity + change * command
-        wanted = np.clip(wanted, -self.max_speed, self.max_speed)
-        wanted = np.clip(wanted, velocity - change, velocity + change)
+        wanted = wanted.clip(-self.max_speed, self.max_speed).clip(velocity - change, velocity + change)
         upward = self._fastest_stop(self.travel[1] - position, velocity)
         downward = self._fastest_stop(position - self.travel[0], -velocity)
-        return np.clip(wanted, -downward, upward)
+        return wanted.clip(-downward, upward)
 
     def _fastest_stop(self, room: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """Largest velocity towards the end of the travel that still lets the wall stop in the room [m] left."""

@@ -232,7 +232,8 @@ def _merge(outcome: Outcome, fresh: Outcome, worlds: np.ndarray) -> None:
 def _with_masks(info: dict[str, np.ndarray], worlds: np.ndarray) -> dict[str, np.ndarray]:
     """Each array of an info, zero outside the worlds of the mask, and the mask beside it."""
     masked: dict[str, np.ndarray] = {}
+    everywhere = worlds.all()
     for name, values in info.items():
-        masked[name] = np.where(worlds, values, np.zeros_like(values))
+        masked[name] = values.copy() if everywhere else np.where(worlds, values, np.zeros_like(values))
         masked[f"_{name}"] = worlds.copy()
     return masked

@@ -13,12 +13,12 @@ import numpy as np
 
 def containment(in_zone: np.ndarray) -> np.ndarray:
     """Share of the fluid that is inside the target zone: 0 none of it, 1 all; (world,)."""
-    return np.clip(in_zone, 0.0, 1.0)
+    return in_zone.clip(0.0, 1.0)
 
 
 def splash(above: np.ndarray) -> np.ndarray:
     """Share of the fluid that is above the splash height: 0 none of it, 1 all; (world,)."""
-    return np.clip(above, 0.0, 1.0)
+    return above.clip(0.0, 1.0)
 
 
 def spread(distance: np.ndarray, width: float) -> np.ndarray:
@@ -30,7 +30,7 @@ def spread(distance: np.ndarray, width: float) -> np.ndarray:
         distance: Root mean square distance from the centre of mass [m], (world,).
         width: Width of the box [m].
     """
-    return np.clip(2.0 * distance / width, 0.0, 1.0)
+    return (2.0 * distance / width).clip(0.0, 1.0)
 
 
 def effort(speed: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
@@ -40,7 +40,7 @@ def effort(speed: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
         speed: Speed over the largest, -1 to 1, (world,).
         acceleration: Acceleration over the largest, -1 to 1, (world,).
     """
-    return np.clip(0.5 * (speed * speed + acceleration * acceleration), 0.0, 1.0)
+    return (0.5 * (speed * speed + acceleration * acceleration)).clip(0.0, 1.0)
 
 
 def total(gain: np.ndarray, costs: Mapping[str, np.ndarray], weights: Mapping[str, float]) -> np.ndarray:

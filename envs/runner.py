@@ -121,21 +121,27 @@ class Runner:
             ValueError: The shape is wrong or a number is not finite.
         """
         space = self.task.action_space
-        limits = f"{space.low.min():g} to {space.high.max():g}"
         try:
             values = np.asarray(actions, dtype=float)
         except (TypeError, ValueError):
-            raise ValueError(f"{name} = {actions!r} is not numbers; give {shape} numbers of {limits}") from None
+            raise ValueError(f"{name} = {actions!r} is not numbers; give {shape} numbers of {self._range()}") from None
         if values.shape != shape:
-            raise ValueError(f"{name} has shape {values.shape}, limit {shape}; give numbers of {limits} in that shape")
-        wrong = np.argwhere(~np.isfinite(values))
-        if len(wrong):
-            place = tuple(wrong[0].tolist())
             raise ValueError(
-                f"{name}[{', '.join(map(str, place))}] = {values[place]} is not finite, limit {limits};"
+                f"{name} has shape {values.shape}, limit {shape}; give numbers of {self._range()} in that shape"
+            )
+        finite = np.isfinite(values)
+        if not finite.all():
+            place = tuple(np.argwhere(~finite)[0].tolist())
+            raise ValueError(
+                f"{name}[{', '.join(map(str, place))}] = {values[place]} is not finite, limit {self._range()};"
                 " give a finite number"
             )
-        return np.clip(values.reshape(self.num_worlds, *space.shape), space.low, space.high)
+        return values.reshape(self.num_worlds, *space.shape).clip(space.low, space.high)
+
+    def _range(self) -> str:
+        """What an action may be, in words."""
+        space = self.task.action_space
+        return f"{space.low.min():g} to {space.high.max():g}"
 
     def frame(self, world: int) -> np.ndarray:
         """A picture of a world (height, width, 3), uint8."""

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from fluidgym.compilation import Replay
 from fluidgym.controls import Control, Controls
 from fluidgym.layout import (
     Parameters,
@@ -163,11 +164,13 @@ class Solver:
         self._numbers = self._parameters.constants()
         self.max_step = self._parameters.max_step()
         self._stepper: Stepper | None = None
+        self._replay_aim = Replay(self.device)
         self._build_kernels()
         self._make_arrays()
         self._step_size = self.max_step
         self._write_constants()
         self.controls = Controls(scene, num_worlds)
+        self._given_gravity: np.ndarray | None = None  # what the device has, if it is known
         self._felt_gravity = self.gravity.copy()  # what the accelerations at hand were found with
         self.time = np.zeros(num_worlds)
         self.started = np.zeros(num_worlds, int)
@@ -387,6 +390,7 @@ class Solver:
         at_rest = wp.array(self._constants_at_rest.numpy()[numbers], dtype=_CONSTANTS, device=self.device)
         state = self.state
         self._gravity.assign(np.tile(self.scene.gravity_vector, (self.num_worlds, 1)))
+        self._given_gravity = None
         self._write_nozzles(Controls(self.scene, self.num_worlds))
         moving = (state.faces_start, state.bodies_start, state.faces_start, state.bodies_start)
         few = self._worlds().part(0, count)
@@ -461,7 +465,8 @@ class Solver:
         self._apply_gravity()
         self._aim(n * dt)
         self._write_nozzles(self.controls)
-        self.state.forces.zero_()
+        if self._structure.forces:
+            self.state.forces.zero_()
         self._force_steps = n
         if self._stepper is None:
             self._stepper = Stepper(self._worlds(), self.threads)
@@ -507,15 +512,24 @@ class Solver:
 
     def _aim(self, duration: float) -> None:
         """Give the moving faces and bodies the accelerations that bring them to their velocities in a duration [s]."""
-        for moves, target, velocity, driven in (
-            (self._moving_faces, self._face_target, self.face_velocity, self.state.faces),
-            (self._moving_bodies, self._body_target, self.body_velocity, self.state.bodies),
-        ):
-            if moves:
-                target.assign(velocity.reshape(target.shape))
-                arrays = driven_arrays(driven)
+        driven = [
+            (target, velocity, driven_arrays(moved))
+            for moves, target, velocity, moved in (
+                (self._moving_faces, self._face_target, self.face_velocity, self.state.faces),
+                (self._moving_bodies, self._body_target, self.body_velocity, self.state.bodies),
+            )
+            if moves
+        ]
+
+        def launch() -> None:
+            for target, _, arrays in driven:
                 inputs = [duration, target, arrays["velocity"]]
                 wp.launch(aim, target.shape, inputs, [arrays["acceleration"]], device=self.device)
+
+        for target, velocity, _ in driven:
+            target.assign(velocity.reshape(target.shape))
+        if driven:
+            self._replay_aim(launch, duration)
 
     def _write_nozzles(self, controls: Controls) -> None:
         """Hand place, direction, width and speed of the nozzles to the device."""
@@ -551,7 +565,9 @@ class Solver:
 
     def _apply_gravity(self) -> None:
         """Hand the gravity to the device, and mend the accelerations at hand, which begin the next step."""
-        self._gravity.assign(self.gravity)
+        if self._given_gravity is None or (self.gravity != self._given_gravity).any():
+            self._given_gravity = self.gravity.copy()
+            self._gravity.assign(self.gravity)
         change = self.gravity - self._felt_gravity
         if not change.any():
             return

@@ -32,6 +32,8 @@ SMALL = {"resolution": 8, "device": "cpu"}
 
 def same(a, b) -> bool:
     """Whether two infos or arrays are equal to the last bit, with the same keys and types."""
+    if isinstance(a, tuple):
+        return isinstance(b, tuple) and all(map(same, a, b))
     if isinstance(a, dict):
         return isinstance(b, dict) and a.keys() == b.keys() and all(same(a[key], b[key]) for key in a)
     if isinstance(a, np.ndarray):
@@ -215,6 +217,16 @@ def test_a_world_does_not_depend_on_how_many_there_are():
     for a, b in zip(few, many, strict=True):
         assert (a[0] == b[0][:2]).all()
     assert (many[0][0][0] != many[0][0][2]).any()
+
+
+def test_threads_change_nothing_but_the_time():
+    actions = actions_for((6, 1), steps=6)
+    runs = [roll_out(gym.make_vec(ID, num_envs=6, threads=threads, **SMALL), actions, 3) for threads in (1, 2, None)]
+    assert all(same(a, b) for other in runs[1:] for a, b in zip(runs[0], other, strict=True))
+    env = FluidEnv(threads=1, **SMALL)
+    assert env.solver.threads == 1
+    with pytest.raises(ValueError, match=r"Solver.threads = 0 .*; use 1 or more"):
+        FluidVectorEnv(2, threads=0, **SMALL)
 
 
 def test_truncation_is_at_the_same_step():

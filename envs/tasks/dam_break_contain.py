@@ -211,9 +211,9 @@ class DamBreakContain(Task):
         """The coarse grid, the wall and the time."""
         now, (low, high) = self.solver.state.now, TRAVEL
         grid = self._deposit.run(now.position, now.velocity, now.identity)
-        position = np.clip((self._position - low) / (high - low), 0.0, 1.0)
-        velocity = np.clip(self._velocity / self.wall.max_speed, -1.0, 1.0)
-        time = np.clip(self._time() / self.episode, 0.0, 1.0)
+        position = ((self._position - low) / (high - low)).clip(0.0, 1.0)
+        velocity = (self._velocity / self.wall.max_speed).clip(-1.0, 1.0)
+        time = (self._time() / self.episode).clip(0.0, 1.0)
         return observations.assemble(self.obs, grid, np.stack([position, velocity, time], axis=1))
 
     def reward(self) -> np.ndarray:

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import warp as wp
 
-from fluidgym.compilation import OPTIONS
+from fluidgym.compilation import OPTIONS, Replay
 from fluidgym.sph.neighbors import three
 
 ONE = wp.constant(wp.int64(1 << 24))  # a whole particle, or a particle at the reference speed, in fixed point
@@ -152,6 +152,7 @@ class Deposit:
         sizes = (num_worlds, 1 + dim, int(count.prod()))
         self._sums = wp.zeros(sizes, dtype=wp.int64, device=device)
         self._values = wp.zeros(sizes, dtype=float, device=device)
+        self._replay = Replay(device)
         self._shape = (num_worlds, 1 + dim, *map(int, shape))
 
     def run(self, position: wp.array, velocity: wp.array, identity: wp.array) -> np.ndarray:
@@ -165,11 +166,14 @@ class Deposit:
         Returns:
             Fluid fraction and the components of momentum, (world, 1 + dim, ny, nx) or (world, 1 + dim, nz, ny, nx).
         """
-        self._sums.zero_()
-        slots = self._num_worlds * self._capacity
-        inputs = [self._capacity, self._cells, position, velocity, identity]
-        wp.launch(self._kernels.add, slots, inputs, [self._sums], device=self._device)
-        wp.launch(
-            self._kernels.finish, self._sums.shape, [self._cells, self._sums], [self._values], device=self._device
-        )
+
+        def launch() -> None:
+            slots = self._num_worlds * self._capacity
+            inputs = [self._capacity, self._cells, position, velocity, identity]
+            values, device = self._values, self._device
+            self._sums.zero_()
+            wp.launch(self._kernels.add, slots, inputs, [self._sums], device=device)
+            wp.launch(self._kernels.finish, self._sums.shape, [self._cells, self._sums], [values], device=device)
+
+        self._replay(launch, position, velocity, identity)
         return self._values.numpy().reshape(self._shape).copy()

@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 import warp as wp
 
-from fluidgym.compilation import OPTIONS, shared_module
+from fluidgym.compilation import OPTIONS, Replay, shared_module
 from fluidgym.sph.neighbors import three
 
 CHUNK = 32  # slots that one thread adds up
@@ -134,6 +134,7 @@ class Measure:
         marks.height, marks.inv_spacing = height, 1.0 / spacing
         self._marks, self._capacity, self._device = marks, capacity, device
         self._kernel = make_measure(len(lower))
+        self._replay = Replay(device)
         self._partial = wp.zeros((num_worlds, -(-capacity // CHUNK)), dtype=Sums, device=device)
         self._totals = wp.zeros(num_worlds, dtype=Sums, device=device)
 
@@ -153,9 +154,13 @@ class Measure:
             finite, which count nowhere else; in_zone and above, shares of the rest; spread, their rms distance along x
             from the centre of mass [m]; density_error, the largest |s|.
         """
-        inputs = [self._capacity, self._marks, position, velocity, density_error, identity]
-        wp.launch(self._kernel, self._partial.shape, inputs, [self._partial], device=self._device)
-        wp.launch(join_chunks, self._totals.shape, [self._partial], [self._totals], device=self._device)
+
+        def launch() -> None:
+            inputs = [self._capacity, self._marks, position, velocity, density_error, identity]
+            wp.launch(self._kernel, self._partial.shape, inputs, [self._partial], device=self._device)
+            wp.launch(join_chunks, self._totals.shape, [self._partial], [self._totals], device=self._device)
+
+        self._replay(launch, position, velocity, density_error, identity)
         sums = self._totals.numpy().astype(float)
         live, broken = sums[:, LIVE], sums[:, BROKEN]
         mean = sums / np.maximum(live - broken, 1.0)[:, None]
