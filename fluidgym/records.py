@@ -22,15 +22,29 @@ def slack(capacity: int) -> int:
     return -capacity % LANES
 
 
-@wp.func_native(f"""
+def place_on_cpu(slot: str, part: int | str, width: int | str) -> str:
+    """Where a component of a record is on a CPU, in C++."""
+    return f"(((({slot}) / {LANES}u) * {width} + {part}) * {LANES} + ({slot}) % {LANES}u)"
+
+
+_PLACE = f"""
 #if defined(__CUDA_ARCH__)
-return slot * ((width + {QUAD - 1}) / {QUAD} * {QUAD}) + part;
+const int at = slot * ((width + {QUAD - 1}) / {QUAD} * {QUAD}) + part;
 #else
-return (slot / {LANES} * width + part) * {LANES} + slot % {LANES};
+const int at = {place_on_cpu("slot", "part", "width")};
 #endif
-""")
-def place(slot: int, part: int, width: int) -> int:
-    """Where a component of a record is; slot counts the slack of the worlds before it."""
+"""
+
+
+@wp.func_native(_PLACE + "return records.data[at];")
+def fetch(records: wp.array[float], slot: int, part: int, width: int) -> float:
+    """A component of a record; slot counts the slack of the worlds before it."""
+    ...
+
+
+@wp.func_native(_PLACE + "records.data[at] = value;")
+def put(records: wp.array[float], slot: int, part: int, width: int, value: float):
+    """Write a component of a record."""
     ...
 
 

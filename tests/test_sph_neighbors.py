@@ -7,7 +7,7 @@ import pytest
 import warp as wp
 
 from fluidgym.compilation import OPTIONS
-from fluidgym.records import SUMS, make_records, pack, place
+from fluidgym.records import SUMS, fetch, make_records, pack
 from fluidgym.scene import OPEN, Box, Fluid, Particles, Scene
 from fluidgym.solver import Solver
 from fluidgym.sph.constants import Constants
@@ -95,8 +95,8 @@ def visits(solver, position, search, half=False):
         world = i // capacity
         x = vec()
         for k in range(wp.static(dim)):
-            x[k] = records[place(i + world * grid.slack, k, wp.static(width))]
-        a = records[place(i + world * grid.slack, wp.static(2 * dim), wp.static(width))]
+            x[k] = fetch(records, i + world * grid.slack, k, wp.static(width))
+        a = fetch(records, i + world * grid.slack, wp.static(2 * dim), wp.static(width))
         sums[i] = 0.0
         if live[i] >= 0:
             found = pair_loop(i, x, vec(), a, 0.0, vec(), vec(1.0), world, search, records, bounds, grid, c, given)

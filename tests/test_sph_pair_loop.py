@@ -7,7 +7,7 @@ import pytest
 import warp as wp
 
 from fluidgym.compilation import OPTIONS
-from fluidgym.records import SUMS, make_records, pack, place
+from fluidgym.records import SUMS, fetch, make_records, pack
 from fluidgym.scene import OPEN, PERIODIC, Box, Face, Fluid, Material, Particles, Scene
 from fluidgym.scheme import DEFAULT_SCHEME
 from fluidgym.solver import Solver
@@ -94,15 +94,15 @@ def sum_all(solver, terms, force, tilted, signed, leaning, device, central=False
         x = vec()
         u = vec()
         for k in range(wp.static(dim)):
-            x[k] = records[place(slot, k, wp.static(width))]
-            u[k] = records[place(slot, wp.static(dim) + k, wp.static(width))]
+            x[k] = fetch(records, slot, k, wp.static(width))
+            u[k] = fetch(records, slot, wp.static(dim) + k, wp.static(width))
         lean = tilt
         for k in range(wp.static(dim)):
             if wp.static(leaning and not signed):  # of a pair that is met once, the tilt is a mean of both
-                lean[k] -= 0.5 * c.inv_c_0_squared * records[place(slot, wp.static(2 * dim + 1) + k, wp.static(width))]
+                lean[k] -= 0.5 * c.inv_c_0_squared * fetch(records, slot, wp.static(2 * dim + 1) + k, wp.static(width))
             if wp.static(central):
                 lean[k] -= bend * c.inv_c_0_squared * x[k]
-        a = records[place(slot, wp.static(2 * dim), wp.static(width))]
+        a = fetch(records, slot, wp.static(2 * dim), wp.static(width))
         p = native(i, x, u, a, offset, lean, sign, world, c.support, records, bounds, grid, c, given)
         q = plain(i, x, u, a, offset, lean, sign, world, c.support, records, bounds, grid, c, given)
         h = half(i, x, u, a, 0.0, lean, sign, world, c.support, records, bounds, grid, c, given)

@@ -20,7 +20,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from fluidgym.compilation import OPTIONS, shared_module
-from fluidgym.records import place
+from fluidgym.records import fetch, put
 from fluidgym.sph.bodies import make_bodies
 from fluidgym.sph.constants import Constants
 from fluidgym.sph.inflow import FREE, GONE, IN_PIPE, WEIGHED, make_carriers, make_emit
@@ -214,14 +214,14 @@ def make_advance_density(s: Structure) -> wp.Kernel:
         g = vec()
         lean = vec()
         for k in range(wp.static(dim)):
-            x[k] = records[place(slot, k, wp.static(middle))]
-            u[k] = records[place(slot, wp.static(dim) + k, wp.static(middle))]
+            x[k] = fetch(records, slot, k, wp.static(middle))
+            u[k] = fetch(records, slot, wp.static(dim) + k, wp.static(middle))
             g[k] = gravity[world, k]
             if wp.static(s.leaning):
-                lean[k] = 0.5 * records[place(slot, wp.static(s.bare_width) + k, wp.static(middle))]
+                lean[k] = 0.5 * fetch(records, slot, wp.static(s.bare_width) + k, wp.static(middle))
         if wp.static(s.central):
             g -= c.central_force * x
-        error = records[place(slot, wp.static(2 * dim), wp.static(middle))]
+        error = fetch(records, slot, wp.static(2 * dim), wp.static(middle))
         extra = float(0.0)
         how = FREE
         if wp.static(s.carried):
@@ -269,14 +269,14 @@ def make_advance_density(s: Structure) -> wp.Kernel:
                     x = out.position
         for k in range(wp.static(dim)):
             position[k, i] = x[k]
-            records_out[place(slot, k, wp.static(end))] = x[k]
-            records_out[place(slot, wp.static(dim) + k, wp.static(end))] = u[k]
+            put(records_out, slot, k, wp.static(end), x[k])
+            put(records_out, slot, wp.static(dim) + k, wp.static(end), u[k])
         density_error[i] = error
         if wp.static(s.shifted):
             error += c.level
-        records_out[place(slot, wp.static(2 * dim), wp.static(end))] = field_of(error, c) + extra
+        put(records_out, slot, wp.static(2 * dim), wp.static(end), field_of(error, c) + extra)
         if wp.static(s.heat):
-            records_out[place(slot, wp.static(heat_at), wp.static(end))] = temperature[i]
+            put(records_out, slot, wp.static(heat_at), wp.static(end), temperature[i])
 
     return advance_density
 
@@ -323,8 +323,8 @@ def make_kick(s: Structure) -> wp.Kernel:
         u = vec()
         g = vec()
         for k in range(wp.static(dim)):
-            x[k] = records[place(slot, k, wp.static(end))]
-            u[k] = records[place(slot, wp.static(dim) + k, wp.static(end))]
+            x[k] = fetch(records, slot, k, wp.static(end))
+            u[k] = fetch(records, slot, wp.static(dim) + k, wp.static(end))
             g[k] = gravity[world, k]
         if wp.static(s.central):
             g -= c.central_force * x
@@ -336,7 +336,7 @@ def make_kick(s: Structure) -> wp.Kernel:
                 at = carried(x, world, nozzles, drains, c)
                 free = at.how == FREE
         if live and (free or wp.static(s.half)):
-            field = records[place(slot, wp.static(2 * dim), wp.static(end))]
+            field = fetch(records, slot, wp.static(2 * dim), wp.static(end))
             a = force_sum(
                 i, free, x, u, field, g, world, c.support + c.skin, faces, bodies, frozen, frozen_grid, records, bounds,
                 grid, forces, c, sums,
@@ -385,10 +385,10 @@ def make_conduct(s: Structure) -> wp.Kernel:
         if capacity < 0:
             temperature[i] = emit_terms(c)
         slot = i + world * grid.slack
-        T = records[place(slot, wp.static(s.bare_width), wp.static(s.end_width))]
+        T = fetch(records, slot, wp.static(s.bare_width), wp.static(s.end_width))
         x = vec()
         for k in range(wp.static(dim)):
-            x[k] = records[place(slot, k, wp.static(s.end_width))]
+            x[k] = fetch(records, slot, k, wp.static(s.end_width))
         live = identity[i] >= 0
         free = live
         if wp.static(s.carried):

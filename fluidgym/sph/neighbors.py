@@ -14,7 +14,7 @@ import numpy as np
 import warp as wp
 
 from fluidgym.compilation import OPTIONS, shared_module
-from fluidgym.records import place, slack
+from fluidgym.records import put, slack
 
 CELLS_ALONG_X = 8  # cells to a search radius along x: narrower wastes scans, wider wastes candidates
 
@@ -126,11 +126,11 @@ def make_gather(dim: int, width: int, heat: bool = False) -> wp.Kernel:
         j = order[i]
         slot = i + i // capacity * grid.slack
         for k in range(wp.static(dim)):
-            records[place(slot, k, wp.static(width))] = position[k, j]
-            records[place(slot, wp.static(dim) + k, wp.static(width))] = velocity[k, j]
+            put(records, slot, k, wp.static(width), position[k, j])
+            put(records, slot, wp.static(dim) + k, wp.static(width), velocity[k, j])
             if wp.static(leaning):
-                records[place(slot, wp.static(2 * dim + 1) + k, wp.static(width))] = acceleration[k, j]
-        records[place(slot, wp.static(2 * dim), wp.static(width))] = density_error[j]
+                put(records, slot, wp.static(2 * dim + 1) + k, wp.static(width), acceleration[k, j])
+        put(records, slot, wp.static(2 * dim), wp.static(width), density_error[j])
         density_error_out[i] = density_error[j]
         identity_out[i] = identity[j]
         if wp.static(heat):

@@ -6,7 +6,7 @@ from functools import lru_cache
 import warp as wp
 
 from fluidgym.compilation import OPTIONS
-from fluidgym.records import place
+from fluidgym.records import fetch
 from fluidgym.sph.constants import Constants
 from fluidgym.sph.neighbors import Grid
 from fluidgym.sph.structure import Structure
@@ -50,7 +50,7 @@ def make_counter(s: Structure) -> wp.Kernel:
             found[i] = emit_terms(c)
         x = vec()
         for k in range(wp.static(dim)):
-            x[k] = records[place(i + world * grid.slack, k, wp.static(width))]
+            x[k] = fetch(records, i + world * grid.slack, k, wp.static(width))
         if identity[i] >= 0:
             sum = neighbours(
                 i, True, x, vec(), 0.0, vec(), vec(), world, c.support, faces, bodies, frozen, frozen_grid, records,

@@ -18,7 +18,7 @@ from functools import lru_cache
 
 import warp as wp
 
-from fluidgym.records import LANES, SUMS, place
+from fluidgym.records import LANES, SUMS, fetch, place_on_cpu
 from fluidgym.sph.constants import Constants
 from fluidgym.sph.neighbors import Grid
 from fluidgym.sph.terms import Drag, Term, bound, total
@@ -43,7 +43,7 @@ def _row_lines(dim: int, half: bool, width: int) -> str:
     lines = [f"const int shift = world * grid.slack, first_cell = world * grid.stride, width = {width};"]
     axes = (("y", 1), ("z", 2))[: dim - 1]
     for name, k in axes if half else ():
-        own = f"records.data[{place.native_func}(i + shift, {k}, width)] - (reach - c.support)"
+        own = f"records.data[{place_on_cpu('i + shift', k, width)}] - (reach - c.support)"
         cell = f"(int)floorf(({own} - grid.lower[{k}]) * grid.inv_width[{k}] - 1e-4f)"
         lines.append(f"const int {name}_own = wp::clamp({cell}, 0, grid.count[{k}] - 1);")
     for name, k in reversed(axes):
@@ -179,7 +179,7 @@ def _snippet(
     parts = range(dim if force else 3)
     lines += [f"float sum{k}[lanes] = {{}};" for k in parts]
     if half:
-        lines.append(f"float* __restrict__ own = sums.data + {place.native_func}(i + world * grid.slack, 0, {SUMS});")
+        lines.append(f"float* __restrict__ own = sums.data + {place_on_cpu('i + world * grid.slack', 0, SUMS)};")
         lines += [f"const float from_before{k} = own[{k} * lanes];" for k in parts]
     lines.append(_row_lines(dim, half, width))
     lines += [f"const float x{k} = X{k} - {_part(k)}, u{k} = U{k} - {_part(dim + k)};" for k in axes]
@@ -295,7 +295,7 @@ def make_pair_loop(
             value += drag(0.0, 0.0, slope(0.0, c), 0.0, 0.0, c)
         if wp.static(weight is not None):
             value += weight(0.0, c)
-        return value + float(place(0, 0, 1))
+        return value
 
     if plain:
         twin = _plain_loop(
@@ -440,21 +440,21 @@ def _plain_loop(
                         u = vec()
                         xu = float(0.0)
                         k_j = j + world * grid.slack
-                        a_j = records[place(k_j, wp.static(field_at), wp.static(width))]
+                        a_j = fetch(records, k_j, wp.static(field_at), wp.static(width))
                         lowest = wp.min(a_j, 0.0)
                         if wp.static(tilted):
                             a_j += offset
                         seen = bool(True)
                         for k in range(wp.static(dim)):
-                            x[k] = X[k] - records[place(k_j, k, wp.static(width))]
-                            u[k] = U[k] - records[place(k_j, wp.static(dim) + k, wp.static(width))]
+                            x[k] = X[k] - fetch(records, k_j, k, wp.static(width))
+                            u[k] = U[k] - fetch(records, k_j, wp.static(dim) + k, wp.static(width))
                             if wp.static(signed):
                                 u[k] *= sign[k]
                             xu += x[k] * u[k]
                             if wp.static(tilted):
                                 a_j += tilt[k] * x[k]
                             if wp.static(leaning):
-                                lean = records[place(k_j, wp.static(2 * dim + 1) + k, wp.static(width))]
+                                lean = fetch(records, k_j, wp.static(2 * dim + 1) + k, wp.static(width))
                                 a_j -= 0.5 * c.inv_c_0_squared * lean * x[k]
                         if wp.static(force and tilted):
                             a_j = wp.max(a_j, lowest)
