@@ -65,7 +65,7 @@ def make_cell_of(dim: int) -> wp.Function:
         cell = int(0)
         stride = int(1)
         for k in range(wp.static(dim)):
-            index = int(wp.floor((x[k] - grid.lower[k]) * grid.inv_width[k]))
+            index = int((x[k] - grid.lower[k]) * grid.inv_width[k])  # what is below 0 is at 0
             cell += stride * wp.clamp(index, 0, grid.count[k] - 1)
             stride *= grid.count[k]
         return cell

@@ -44,12 +44,12 @@ def _row_lines(dim: int, half: bool, width: int) -> str:
     axes = (("y", 1), ("z", 2))[: dim - 1]
     for name, k in axes if half else ():
         own = f"records.data[{place_on_cpu('i + shift', k, width)}] - (reach - c.support)"
-        cell = f"(int)floorf(({own} - grid.lower[{k}]) * grid.inv_width[{k}] - 1e-4f)"
+        cell = f"(int)(({own} - grid.lower[{k}]) * grid.inv_width[{k}] - 1e-4f)"
         lines.append(f"const int {name}_own = wp::clamp({cell}, 0, grid.count[{k}] - 1);")
     for name, k in reversed(axes):
-        lines.append(f"int {name}_low = (int)floorf((X[{k}] - reach - grid.lower[{k}]) * grid.inv_width[{k}]);")
+        lines.append(f"int {name}_low = (int)((X[{k}] - reach - grid.lower[{k}]) * grid.inv_width[{k}]);")
         lines.append(f"if ({name}_low < 0) {name}_low = 0;")
-        lines.append(f"int {name}_high = (int)floorf((X[{k}] + reach - grid.lower[{k}]) * grid.inv_width[{k}]);")
+        lines.append(f"int {name}_high = (int)((X[{k}] + reach - grid.lower[{k}]) * grid.inv_width[{k}]);")
         lines.append(f"if ({name}_high > grid.count[{k}] - 1) {name}_high = grid.count[{k}] - 1;")
         if half:
             at_first = "cz == z_own && " if (name, dim) == ("y", 3) else ""
@@ -71,8 +71,8 @@ def _row_lines(dim: int, half: bool, width: int) -> str:
 _ROW = """
 if (rest <= 0.0f) continue;
 const float chord = sqrtf(rest);
-int x_low = (int)floorf((X[0] - chord - grid.lower[0]) * grid.inv_width[0]);
-int x_high = (int)floorf((X[0] + chord - grid.lower[0]) * grid.inv_width[0]);
+int x_low = (int)((X[0] - chord - grid.lower[0]) * grid.inv_width[0]);
+int x_high = (int)((X[0] + chord - grid.lower[0]) * grid.inv_width[0]);
 if (x_low < 0) x_low = 0;
 if (x_high > grid.count[0] - 1) x_high = grid.count[0] - 1;
 if (x_low > x_high) continue;
