@@ -404,9 +404,11 @@ class Solver:
         few.sweep_density(batch, *moving, density_out=scratch)
         few.sweep_force(batch, *moving[2:])
         wp.copy(state.forces, forces)
+        slots = count * self.capacity
         if not self._structure.summed:
-            slots = count * self.capacity
             wp.copy(batch.density_error, state.density_error, count=slots)
+        if self._structure.heat:
+            wp.copy(batch.temperature, state.temperature, count=slots)
 
     def reset(self, mask: np.ndarray | None = None) -> None:
         """Put worlds back to their start, faces and bodies at rest, the scene's gravity on, nozzles as in the scene.

@@ -479,6 +479,7 @@ def test_what_is_handed_over_is_the_scene(tmp_path):
     assert facts == {
         "method": "auto",
         "courant": 0.5,
+        "ratio": None,
         "dim": 2,
         "spacing": 0.06,
         "density": 1000.0,
