@@ -37,7 +37,7 @@ STRETCHES = 5
 STRETCH_S = 0.6  # about how long one takes [s]
 SETTLED = 0.2  # simulated time before the clock runs [s]
 
-SIZES = {False: (2000, 10000, 50000), True: (2000, 10000, 50000, 200000)}  # on a CPU, on a GPU
+SIZES = (2000, 10000, 50000, 200000)
 BATCHES = (1, 16, 256, 1024)  # worlds
 BATCH_SIZE = 1000  # particles of each
 ENV_BATCHES = (1, 8, 64)
@@ -334,13 +334,19 @@ print(time.perf_counter() - begin)
 """
 
 _MEMORY = """
-import resource
+import resource, sys
+from pathlib import Path
 from fluidgym.benchmark import column_scene
-from fluidgym.cuda_report import CudaKernel, compiled
 from fluidgym.solver import Solver
 solver = Solver(column_scene({dim}, {particles}), device="cpu")
 solver.step(2)
-print(solver.capacity, solver.memory, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+# Linux counts the memory of the process that started this one into ru_maxrss.
+status = Path("/proc/self/status")
+peaks = [line.split() for line in status.read_text().splitlines()] if status.exists() else []
+kilobytes = next((int(words[1]) for words in peaks if words[0] == "VmHWM:"), None)
+unit = 1 if sys.platform == "darwin" else 1024
+resident = kilobytes * 1024 if kilobytes else resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
+print(solver.capacity, solver.memory, resident)
 """
 
 
@@ -405,8 +411,7 @@ class Memory:
 def measure_memory(dim: int, particles: int) -> Memory:
     """Memory of the falling column."""
     capacity, taken, resident = map(int, _run(_MEMORY.format(dim=dim, particles=particles))[-3:])
-    unit = 1.0 if sys.platform == "darwin" else 1024.0  # what getrusage counts in
-    return Memory(dim, capacity, taken / capacity, resident * unit * 1e-6)
+    return Memory(dim, capacity, taken / capacity, resident * 1e-6)
 
 
 # -- beside others -----------------------------------------------------------------------------------------------------
@@ -603,11 +608,11 @@ def sections(
             solver(dim, size, worlds, count)
             for dim in dims
             for worlds in batches or (1,)
-            for size in sizes or SIZES[cuda]
+            for size in sizes or SIZES
             for count in threads or (1,)
         ]
         return [Section("The solver", Speed.HEAD, found)]
-    alone = [solver(dim, size, 1, 1) for dim in dims for size in SIZES[cuda]]
+    alone = [solver(dim, size, 1, 1) for dim in dims for size in SIZES]
     many = [solver(dim, BATCH_SIZE, worlds, count) for dim in dims for worlds in BATCHES for count in every]
     tables = [
         Section("One world, one thread", Speed.HEAD, alone),
@@ -669,10 +674,11 @@ def draw(rows: list[Any], about: str, path: Path) -> None:
         for (dim, threads), points in sorted(curves.items()):
             plural = "thread" if threads == 1 else "threads"
             panel.plot(*zip(*sorted(points), strict=True), "o-", label=f"{dim}D, {threads} {plural}")
-        panel.set(xscale="log", xlabel=label, ylim=(0.0, None))
+        panel.set(xscale="log", xlabel=label)
         panel.grid(alpha=0.3)
-        panel.legend()
+        panel.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncol=2, frameon=False)
+    panels[0].set_ylim(bottom=0.0)  # of both
     panels[0].set_ylabel("ns a particle-step")
-    figure.suptitle(about, fontsize=8)
+    figure.suptitle(about, fontsize=8, y=1.08)
     figure.savefig(path, dpi=120, bbox_inches="tight")
     plt.close(figure)

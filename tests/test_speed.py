@@ -74,7 +74,7 @@ def test_all_tables_have_rows_and_heads():
     assert len(titles) == len(set(titles)) == 7
     several = 2 if processors() > 1 else 1
     expected = [
-        2 * len(speed.SIZES[False]),
+        2 * len(speed.SIZES),
         2 * several * len(speed.BATCHES),
         4,
         6,
