@@ -8,10 +8,12 @@ up scalars. A plain Warp twin does the same sum; the tests hold one against the 
 Both sweeps share the loop. A query is a place X [m], a velocity U [m/s] and a field value a; each neighbour j meets it
 with x = X - x_j, u = U - u_j and a_j + offset + tilt . x, the affine part being what a mirror image adds to the field.
 In a force that part may not take a pressure below zero: a ceiling does not hold drops. A screened loop leaves out the
-neighbours that a body hides. Where threads come one after another, as on a CPU, half a loop is enough for the sum over
-particles themselves: i meets those after it in the order, adds to its own sum and to theirs, and finds in its own what
-those before it have added. A leaning loop takes lean_j . x / (2 c_0^2) from it as well, a half of what the densities
-of two particles differ by where nothing is to be done about it (continuity.py).
+neighbours that a body hides. A leaning loop takes lean_j . x / (2 c_0^2) from the field as well, a half of what the
+densities of two particles differ by where nothing is to be done about it (continuity.py).
+
+Where threads come one after another, as on a CPU, half a loop is enough: i meets those after it in the order, adds to
+its own sum and to theirs, and finds in its own what those before it have added. Mirror images are met likewise: what j
+is to an image of i, i is to that of j, turned round.
 """
 
 from functools import lru_cache

@@ -6,7 +6,8 @@ A term sees only what does not turn with the axes. Its function has the signatur
 
 with r = |x_ij| [m], xu = x_ij . u_ij [m2/s], slope = W'(r)/r, and a the field of its sweep: the relative density
 error s in a density rate, the reduced pressure P in a force. Where i meets a mirror image, xu and a_j are the image's.
-A term with a weight of its own is handed that in place of the slope.
+A term with a weight of its own is handed that in place of the slope. Where that is 0, so must the term be: the loops
+come across places beyond the support, and some that no particle is at.
 """
 
 from collections.abc import Callable
