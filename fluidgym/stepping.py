@@ -362,6 +362,9 @@ def share(work: Callable[[Any], Any], items: Sequence[Any], threads: int) -> Non
     others = [crew.submit(take) for _ in range(threads - 1)]
     try:
         take()
+    except BaseException:  # an interrupt, too: what nobody has begun is not begun
+        waiting.clear()
+        raise
     finally:
         for other in others:
             other.result()
