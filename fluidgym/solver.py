@@ -393,8 +393,8 @@ class Solver:
         self._given_gravity = None
         self._write_nozzles(Controls(self.scene, self.num_worlds))
         moving = (state.faces_start, state.bodies_start, state.faces_start, state.bodies_start)
-        few = self._worlds().part(0, count)
-        few = replace(few, constants=at_rest, bounds=self._bounds[: count * self._grid.stride + 2])
+        few = self._worlds().part(0, count, self._bounds[: count * self._grid.stride + 2])
+        few = replace(few, constants=at_rest)
         few.state.clamped = wp.zeros_like(few.state.clamped)  # that of these worlds counts on
         few.sort(batch, *moving[:2], state.bodies_start)
         # The spray rule must not touch the density of a start, so what the sweep makes of it goes to scratch; unless
@@ -479,19 +479,19 @@ class Solver:
     @property
     def memory(self) -> int:
         """What the arrays of all worlds take on the device [bytes]."""
-        return sum(array.size * wp.types.type_size_in_bytes(array.dtype) for array in self.arrays().values())
+        return sum(a.size * wp.types.type_size_in_bytes(a.dtype) for a in self.arrays().values() if a is not None)
 
-    def arrays(self) -> dict[str, wp.array]:
-        """All arrays on the device, by name."""
-        found: dict[str, wp.array] = {}
+    def arrays(self) -> dict[str, wp.array | None]:
+        """All arrays on the device, by name; None is one that the scene has no use for and that was never made."""
+        found: dict[str, wp.array | None] = {}
 
-        def look(name: str, value: Any) -> None:
-            if isinstance(value, wp.array):
+        def look(name: str, value: Any, inside: bool = False) -> None:
+            if isinstance(value, wp.array) or (inside and value is None):
                 found[name] = value
             elif isinstance(value, State | ParticleArrays) or type(value).__name__ == "NewStructInstance":
                 for field, part in vars(value).items():
                     if not field.startswith("_"):
-                        look(f"{name}.{field}", part)
+                        look(f"{name}.{field}", part, inside=True)
 
         for name, value in vars(self).items():
             look(name, value)

@@ -84,16 +84,17 @@ class Group:
     nozzles: Any
     drains: Any
 
-    def part(self, first: int, count: int) -> Group:
-        """Some of these worlds: the same arrays, but for the bounds."""
-        worlds, stride = self.state.num_worlds, self.plan.grid.stride
-        where = (worlds, first, count)
+    def part(self, first: int, count: int, bounds: Any = None) -> Group:
+        """Some of these worlds: the same arrays, but for the bounds, which are new ones or those given."""
+        where = (self.state.num_worlds, first, count)
+        if bounds is None:
+            bounds = wp.zeros(count * self.plan.grid.stride + 2, dtype=int, device=self.state.device)
         return replace(
             self,
             state=self.state.part(first, count),
             constants=part_of(self.constants, *where),
             gravity=part_of(self.gravity, *where),
-            bounds=wp.zeros(count * stride + 2, dtype=int, device=self.state.device),
+            bounds=bounds,
             nozzles=struct_part(Nozzles, self.nozzles, ("center", "frame", "half", "speed"), *where),
             drains=struct_part(Drains, self.drains, ("field",), *where),
         )

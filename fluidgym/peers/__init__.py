@@ -170,13 +170,10 @@ def run(
     end = case.end if end is None else end
     times = case.times[case.times <= end * (1 + 1e-9)]
     n = len(scene.sample())
-    with tempfile.TemporaryDirectory(prefix="fluidgym-peer-") as folder:
-        source, target = Path(folder) / "scene.npz", Path(folder) / "flow.npz"
-        hand_over(scene, times, source, peer.method, courant)
-        begin = time.perf_counter()
-        whole = _run_script(peer, interpreter or find_interpreter(), source, target, progress)
-        spent = time.perf_counter() - begin
-        facts, flow = _take_back(peer, target, len(times) + 1, n, dim) if whole else ({}, {})
+    begin = time.perf_counter()
+    facts, flow = _exchange(peer, scene, times, interpreter, courant, progress=progress)
+    spent = time.perf_counter() - begin
+    whole = bool(facts)
     result = Result(
         case=case.name,
         resolution=resolution,
@@ -222,14 +219,28 @@ def pace(
         ValueError: The scene is more than a peer can be handed, or the peer's program fails.
     """
     check_scene(scene)
-    times = np.array([duration])
+    facts, _ = _exchange(peer, scene, np.array([duration]), interpreter, ratio=ratio)
+    if not facts:
+        raise ValueError(f"{peer.name} broke down")
+    return facts["steps"], facts["wall_s"]
+
+
+def _exchange(
+    peer: Peer,
+    scene: Scene,
+    times: np.ndarray,
+    interpreter: str | None,
+    courant: float = 1.0,
+    ratio: float | None = None,
+    progress: Callable[[float], object] = lambda duration: None,
+) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """Hand a scene over, run the peer, and take back facts and arrays; none of either where the run breaks down."""
     with tempfile.TemporaryDirectory(prefix="fluidgym-peer-") as folder:
         source, target = Path(folder) / "scene.npz", Path(folder) / "flow.npz"
-        hand_over(scene, times, source, peer.method, ratio=ratio)
-        if not _run_script(peer, interpreter or find_interpreter(), source, target, lambda duration: None):
-            raise ValueError(f"{peer.name} broke down")
-        facts, _ = _take_back(peer, target, 2, len(scene.sample()), scene.dim)
-    return facts["steps"], facts["wall_s"]
+        hand_over(scene, times, source, peer.method, courant, ratio)
+        if not _run_script(peer, interpreter or find_interpreter(), source, target, progress):
+            return {}, {}
+        return _take_back(peer, target, len(times) + 1, len(scene.sample()), scene.dim)
 
 
 def hand_over(

@@ -341,9 +341,9 @@ def make_kick(s: Structure) -> wp.Kernel:
                 i, free, x, u, field, g, world, c.support + c.skin, faces, bodies, frozen, frozen_grid, records, bounds,
                 grid, forces, c, sums,
             )  # fmt: skip
-        if not free:
+        if not free:  # what it met, it met for the sake of the others
             a = vec()
-        if free:
+        else:
             a += g
             if wp.static(has_cushion):
                 a += cushion(x, world, faces, forces, c)

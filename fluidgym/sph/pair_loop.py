@@ -169,14 +169,14 @@ def _snippet(
 ) -> str:
     """The native lines of one pair loop."""
     axes = range(dim)
-    fetch, look = _screen_lines(dim, screen) if screen else ([], [])
+    bodies, look = _screen_lines(dim, screen) if screen else ([], [])
     lines = [_LANES]
     for k in axes:
         lines.append(f"const float X{k} = X[{k}], U{k} = U[{k}], T{k} = tilt[{k}], S{k} = sign[{k}];")
     if leaning:
         lines.append("const float halved = 0.5f * c.inv_c_0_squared;")
     lines.append("const float far = 16.0f * c.support * c.support;")
-    lines += fetch
+    lines += bodies
     weighed = None if force or weight is None else 2 if of_images else 1
     parts = range(dim if force else 3)
     lines += [f"float sum{k}[lanes] = {{}};" for k in parts]
