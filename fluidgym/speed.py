@@ -219,7 +219,7 @@ def count_neighbours(solver: Solver) -> float:
             *(solver.capacity, group.constants, plan.grid, group.bounds, state.faces, state.bodies),
             *(plan.frozen, plan.frozen_grid, state.middle, state.identity),
         ],
-        outputs=[found, state.sums],
+        outputs=[found, state.sums, state.spans],
         device=solver.device,
     )
     solver.restore(saved)

@@ -140,7 +140,7 @@ _DRIVEN = ("position", "velocity", "acceleration")
 
 # Arrays of a state that a step works on, by world.
 _BY_WORLD = (
-    *("middle", "end", "sums", "density_error", "identity", "temperature", "key", "order"),
+    *("middle", "end", "sums", "spans", "density_error", "identity", "temperature", "key", "order"),
     *("forces", "gain", "clamped"),
 )
 
@@ -224,6 +224,7 @@ class State:
         forces: What faces and bodies have done to the particles, in fixed point, (world, face and body, dim).
         gain: What the density errors gain in a step of a shifted box, in fixed point, (world,): scratch.
         sums: What particles have been given by those before them in the order: scratch, zero between sweeps.
+        spans: Where in the order each particle meets others, if pairs are met once: scratch.
         clamped: How often the safety net at walls and bodies was used since the reset, (world,).
     """
 
@@ -238,7 +239,7 @@ class State:
         heat: bool = False,
         forces: bool = False,
         shifted: bool = False,
-        halved: bool = False,
+        rows_met: int = 0,
     ):
         """Allocate.
 
@@ -252,7 +253,7 @@ class State:
             heat: Whether temperatures are kept.
             forces: Whether forces are added up.
             shifted: Whether particles are shifted.
-            halved: Whether pairs are met once.
+            rows_met: Rows in which each particle meets others, where pairs are met once; else 0.
         """
         self.dim, self.num_worlds, self.capacity, self.device = dim, num_worlds, capacity, device
         slots = num_worlds * capacity
@@ -276,7 +277,8 @@ class State:
         self.forces = wp.zeros(shape, dtype=wp.int64, device=device)
         self.gain = wp.zeros(num_worlds if shifted else 0, dtype=wp.int64, device=device)
         self.clamped = wp.zeros(num_worlds, dtype=int, device=device)
-        self.sums = make_records(self.places if halved else 0, SUMS, device)
+        self.sums = make_records(self.places if rows_met else 0, SUMS, device)
+        self.spans = wp.zeros(2 * rows_met * slots, dtype=int, device=device)
 
     @property
     def places(self) -> int:

@@ -170,8 +170,11 @@ class Group:
         wp.launch(
             plan.kernels.gather,
             dim=slots,
-            inputs=[state.capacity, plan.grid, state.order, *(getattr(particles, name) for name in names)],
-            outputs=[state.middle, state.density_error, state.identity, state.temperature],
+            inputs=[
+                *(state.capacity, plan.grid, bounds, state.key, state.order),
+                *(getattr(particles, name) for name in names),
+            ],
+            outputs=[state.middle, state.density_error, state.identity, state.temperature, state.spans],
             device=state.device,
         )
 
@@ -189,7 +192,7 @@ class Group:
                 *around,
                 *(state.middle, state.identity, state.temperature),
             ],
-            outputs=[particles.position, density_out, particles.identity, state.end, state.clamped, state.sums],
+            outputs=[particles.position, density_out, particles.identity, state.end, state.clamped, state.sums, state.spans],
             device=state.device,
         )
 
@@ -205,7 +208,7 @@ class Group:
                 *around,
                 *(state.end, particles.identity),
             ],
-            outputs=[particles.velocity, particles.acceleration, state.forces, state.sums],
+            outputs=[particles.velocity, particles.acceleration, state.forces, state.sums, state.spans],
             device=state.device,
         )
 
@@ -219,7 +222,7 @@ class Group:
                 *(state.capacity, self.constants, plan.grid, self.bounds),
                 *(state.faces, state.bodies, self.nozzles, self.drains, state.end, state.now.identity),
             ],
-            outputs=[state.now.temperature, state.sums],
+            outputs=[state.now.temperature, state.sums, state.spans],
             device=state.device,
         )
 
@@ -241,7 +244,7 @@ class Group:
                 *(state.capacity, self.constants, plan.grid, self.bounds, state.faces),
                 *(state.end, now.identity, state.gain),
             ],
-            outputs=[now.density_error, now.position, state.sums],
+            outputs=[now.density_error, now.position, state.sums, state.spans],
             device=state.device,
         )
 

@@ -199,6 +199,7 @@ def make_advance_density(s: Structure) -> wp.Kernel:
         records_out: wp.array[float],
         clamped: wp.array[int],
         sums: wp.array[float],
+        spans: wp.array[int],
     ):
         i = wp.tid()
         world = i // capacity
@@ -232,7 +233,7 @@ def make_advance_density(s: Structure) -> wp.Kernel:
                     error = at.held
                     if how == IN_PIPE:
                         mean = mean_loop(
-                            i, at.mirror, u, 0.0, 0.0, vec(), vec(1.0), world, c.support, records, bounds, grid, c, sums
+                            i, at.mirror, u, 0.0, 0.0, vec(), vec(1.0), world, c.support, records, bounds, grid, c, sums, spans
                         )  # fmt: skip
                         error = mean[0] / wp.max(mean[1], wp.static(SPRAY_COMPANY) / (c.volume * c.h * c.h))
         if identity[i] >= 0:
@@ -240,7 +241,7 @@ def make_advance_density(s: Structure) -> wp.Kernel:
             if free or wp.static(s.half):
                 sum = density_sum(
                     i, free, x, u, error, g, lean, world, c.support, faces, bodies, frozen, frozen_grid, records,
-                    bounds, grid, c, sums,
+                    bounds, grid, c, sums, spans,
                 )  # fmt: skip
             if free:
                 if wp.static(s.summed):
@@ -312,6 +313,7 @@ def make_kick(s: Structure) -> wp.Kernel:
         acceleration: wp.array2d[float],
         forces: wp.array3d[wp.int64],
         sums: wp.array[float],
+        spans: wp.array[int],
     ):
         i = wp.tid()
         world = i // capacity
@@ -339,7 +341,7 @@ def make_kick(s: Structure) -> wp.Kernel:
             field = fetch(records, slot, wp.static(2 * dim), wp.static(end))
             a = force_sum(
                 i, free, x, u, field, g, world, c.support + c.skin, faces, bodies, frozen, frozen_grid, records, bounds,
-                grid, forces, c, sums,
+                grid, forces, c, sums, spans,
             )  # fmt: skip
         if not free:  # what it met, it met for the sake of the others
             a = vec()
@@ -378,6 +380,7 @@ def make_conduct(s: Structure) -> wp.Kernel:
         identity: wp.array[int],
         temperature: wp.array[float],
         sums: wp.array[float],
+        spans: wp.array[int],
     ):
         i = wp.tid()
         world = i // capacity
@@ -397,7 +400,7 @@ def make_conduct(s: Structure) -> wp.Kernel:
                 free = at.how == FREE
         if live and (free or wp.static(s.half)):
             rate = heat_sum(
-                i, free, x, T, world, c.support + c.skin, faces, bodies, records, bounds, grid, c, sums,
+                i, free, x, T, world, c.support + c.skin, faces, bodies, records, bounds, grid, c, sums, spans,
             )  # fmt: skip
             if free:
                 T += c.dt * c.volume * rate

@@ -4,6 +4,10 @@ Cells are as wide as the search along y and z and a quarter of that along x. The
 contiguous range of particles, so a neighbourhood is at most three rows (nine in 3D), each cut to the x it needs.
 Particle ranges of cell k, counted over all worlds, are bounds[k] to bounds[k + 1]. The last cell of each world holds
 the retired particles; nobody looks there.
+
+
+Where pairs are met once, a particle meets what comes after it in the order: the rest of its own row, and the rows after
+that. These spans are found once a step, for all of its sweeps.
 """
 
 import math
@@ -15,6 +19,7 @@ import warp as wp
 
 from fluidgym.compilation import OPTIONS, shared_module
 from fluidgym.records import put, slack
+from fluidgym.sph.structure import Structure
 
 CELLS_ALONG_X = 8  # cells to a search radius along x: narrower wastes scans, wider wastes candidates
 
@@ -101,15 +106,81 @@ def settle_order(stride: int, bounds: wp.array[int], order: wp.array[int]):
         order[b] = moved
 
 
+def rows_after(dim: int) -> list[tuple[int, int]]:
+    """Rows that half of a neighbourhood is in, by their (y, z) from the particle's own, which is the first."""
+    return [(0, 0), (1, 0)] if dim == 2 else [(0, 0), (1, 0), (-1, 1), (0, 1), (1, 1)]
+
+
+def _span_lines(dim: int) -> str:
+    """Native lines that find the spans of a particle, its own row first; they count the slack of worlds before it."""
+    lines = ["const int shift = world * grid.slack, first_cell = world * grid.stride, nx = grid.count[0];"]
+    lines.append("const float reach = grid.width[1];")
+    lines.append("const int y = cell / nx % grid.count[1], z = cell / nx / grid.count[1];")
+    for axis, name in enumerate("xyz"[:dim]):
+        if axis:
+            lines.append(f"const float below_{name} = X[{axis}] - grid.lower[{axis}] - {name} * grid.width[{axis}];")
+            lines.append(f"const float gap_{name}[3] = {{wp::max(below_{name}, 0.0f), 0.0f,")
+            lines.append(f"wp::max(grid.width[{axis}] - below_{name}, 0.0f)}};")
+    rows = rows_after(dim)
+    lines.append(f"int* __restrict__ span = spans.data + i * {2 * len(rows)};")
+    for n, (y, z) in enumerate(rows):
+        gaps = [f"gap_{name}[{1 + d}]" for name, d in (("y", y), ("z", z)) if d]
+        there = [f"{name} {'+ 1 < grid.count[' + str(k) + ']' if d > 0 else '> 0'}"
+                 for k, name, d in ((1, "y", y), (2, "z", z)) if d]
+        lines.append("{")
+        lines.append(f"const float rest = reach * reach{''.join(f' - {gap} * {gap}' for gap in gaps)};")
+        lines.append("const float chord = sqrtf(wp::max(rest, 0.0f));")
+        lines.append("int low = (int)((X[0] - chord - grid.lower[0]) * grid.inv_width[0]);")
+        lines.append("int high = (int)((X[0] + chord - grid.lower[0]) * grid.inv_width[0]);")
+        lines.append("low = wp::clamp(low, 0, nx - 1); high = wp::clamp(high, 0, nx - 1);")
+        lines.append(f"const bool there = {' & '.join(['(rest > 0.0f)', *(f'({one})' for one in there)])};")
+        row = f"first_cell + ((z + {z}) * grid.count[1] + y + {y}) * nx"
+        lines.append(f"const int row = there ? {row} : first_cell;")
+        lines.append(f"const int first = {'i' if n == 0 else 'bounds.data[row + low]'} + shift;")
+        lines.append("const int end = bounds.data[row + high + 1] + shift;")
+        lines.append(f"span[{2 * n}] = first; span[{2 * n + 1}] = there ? end : first;")
+        lines.append("}")
+    return "\n".join(lines)
+
+
 @lru_cache
-def make_gather(dim: int, width: int, heat: bool = False) -> wp.Kernel:
-    """Kernel that puts the particles into their new order: records of so many parts, and what is not in them."""
-    leaning = width > 2 * dim + 1
+def make_find_spans(dim: int) -> wp.Function:
+    """Warp function (i, X, cell, world, bounds, grid, spans) that notes where half a loop finds neighbours.
+
+    Of the particle in slot i at X, in that cell of its world: in each row of `rows_after` from which record to which.
+    """
+    vec = wp.types.vector(dim, wp.float32)
+
+    @wp.func_native(_span_lines(dim))
+    def find_spans(
+        i: int,
+        X: vec,
+        cell: int,
+        world: int,
+        bounds: wp.array[int],
+        grid: Grid,
+        spans: wp.array[int],
+    ): ...
+
+    return find_spans
+
+
+@lru_cache
+def make_gather(s: Structure) -> wp.Kernel:
+    """Kernel that puts the particles into their new order: records of so many parts, and what is not in them.
+
+    And, if pairs are to be met once, the spans.
+    """
+    dim, width = s.dim, s.middle_width
+    find_spans = make_find_spans(dim)
+    vec = wp.types.vector(dim, wp.float32)
 
     @wp.kernel(module="unique", module_options=OPTIONS, enable_backward=False)
     def gather(
         capacity: int,
         grid: Grid,
+        bounds: wp.array[int],
+        key: wp.array[int],
         order: wp.array[int],
         position: wp.array2d[float],
         velocity: wp.array2d[float],
@@ -121,19 +192,26 @@ def make_gather(dim: int, width: int, heat: bool = False) -> wp.Kernel:
         density_error_out: wp.array[float],
         identity_out: wp.array[int],
         temperature_out: wp.array[float],
+        spans: wp.array[int],
     ):
         i = wp.tid()
         j = order[i]
-        slot = i + i // capacity * grid.slack
+        world = i // capacity
+        slot = i + world * grid.slack
+        if wp.static(s.half):
+            x = vec()
+            for k in range(wp.static(dim)):
+                x[k] = position[k, j]
+            find_spans(i, x, key[j] - world * grid.stride, world, bounds, grid, spans)
         for k in range(wp.static(dim)):
             put(records, slot, k, wp.static(width), position[k, j])
             put(records, slot, wp.static(dim) + k, wp.static(width), velocity[k, j])
-            if wp.static(leaning):
+            if wp.static(s.leaning):
                 put(records, slot, wp.static(2 * dim + 1) + k, wp.static(width), acceleration[k, j])
         put(records, slot, wp.static(2 * dim), wp.static(width), density_error[j])
         density_error_out[i] = density_error[j]
         identity_out[i] = identity[j]
-        if wp.static(heat):
+        if wp.static(s.heat):
             temperature_out[i] = temperature[j]
 
     return gather

@@ -42,6 +42,7 @@ def make_counter(s: Structure) -> wp.Kernel:
         identity: wp.array[int],
         found: wp.array[float],
         sums: wp.array[float],
+        spans: wp.array[int],
     ):
         i = wp.tid()
         world = i // capacity
@@ -54,7 +55,7 @@ def make_counter(s: Structure) -> wp.Kernel:
         if identity[i] >= 0:
             sum = neighbours(
                 i, True, x, vec(), 0.0, vec(), vec(), world, c.support, faces, bodies, frozen, frozen_grid, records,
-                bounds, grid, c, sums,
+                bounds, grid, c, sums, spans,
             )  # fmt: skip
             found[i] = sum[0] - 1.0
 

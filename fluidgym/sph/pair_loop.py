@@ -22,7 +22,7 @@ import warp as wp
 
 from fluidgym.records import LANES, SUMS, fetch, place_on_cpu
 from fluidgym.sph.constants import Constants
-from fluidgym.sph.neighbors import Grid
+from fluidgym.sph.neighbors import Grid, rows_after
 from fluidgym.sph.terms import Drag, Term, bound, total
 
 _LANES = f"""
@@ -67,6 +67,15 @@ def _row_lines(dim: int, half: bool, width: int) -> str:
     lines.append(_ROW)
     if half:
         lines.append("if (first < i + shift) first = i + shift;")
+    return "\n".join([*lines, _BLOCKS])
+
+
+def _span_lines(dim: int, width: int) -> str:
+    """Native lines that go through the spans of half a loop."""
+    lines = [f"const int rows = {len(rows_after(dim))}, width = {width};"]
+    lines += ["const int* __restrict__ span = spans.data + i * 2 * rows;"]
+    lines.append("for (int row = 0; row < rows; ++row) {")
+    lines.append("const int first = span[2 * row], end = span[2 * row + 1];")
     return "\n".join([*lines, _BLOCKS])
 
 
@@ -183,7 +192,7 @@ def _snippet(
     if half:
         lines.append(f"float* __restrict__ own = sums.data + {place_on_cpu('i + world * grid.slack', 0, SUMS)};")
         lines += [f"const float from_before{k} = own[{k} * lanes];" for k in parts]
-    lines.append(_row_lines(dim, half, width))
+    lines.append(_span_lines(dim, width) if half and not of_images else _row_lines(dim, half, width))
     lines += [f"const float x{k} = X{k} - {_part(k)}, u{k} = U{k} - {_part(dim + k)};" for k in axes]
     lines.append(f"const float b = {_part(field_at)};")
     lines += look
@@ -226,7 +235,7 @@ def _snippet(
             values = {k: f"{value} + d_j * u{k}" for k, value in values.items()}
         for k, value in values.items():
             lines.append(f"sums.data[block * {SUMS} + {k} * lanes + lane] {'-' if force else '+'}= {value};")
-    lines.append("}" * (dim + 1))
+    lines.append("}" * (3 if half and not of_images else dim + 1))
     lines += [f"for (int lane = 1; lane < lanes; ++lane) sum{k}[0] += sum{k}[lane];" for k in parts]
     if half:
         # What i has just given to itself goes with the rest: the next loop begins at nothing.
@@ -277,7 +286,7 @@ def make_pair_loop(
         of_images: Whether the loop is about images.
 
     Returns:
-        The loop (i, X, U, a, offset, tilt, sign, world, reach, records, bounds, grid, c, sums) -> sum, where i is the
+        The loop (i, X, U, a, offset, tilt, sign, world, reach, records, bounds, grid, c, sums, spans) -> sum, where i is the
         particle's slot and sums has what those before it have added (as many records as slots, zero at first, and left
         zero by all who read theirs), both of use in half a loop only; with a further argument where there are bodies,
         the matrix of their middles and half sides (body, 2 dim). And a function (c) -> float that a kernel must name in
@@ -328,6 +337,7 @@ def make_pair_loop(
             grid: Grid,
             c: Constants,
             sums: wp.array[float],
+            spans: wp.array[int],
             screens: Screens,
         ) -> result: ...
 
@@ -349,6 +359,7 @@ def make_pair_loop(
         grid: Grid,
         c: Constants,
         sums: wp.array[float],
+        spans: wp.array[int],
     ) -> result: ...
 
     return pair_loop, emit_terms
@@ -425,6 +436,7 @@ def _plain_loop(
         grid: Grid,
         c: Constants,
         sums: wp.array[float],
+        spans: wp.array[int],
         screens: Screens,
     ) -> result:
         low = wp.vec3i(0, 0, 0)
@@ -495,7 +507,8 @@ def _plain_loop(
         grid: Grid,
         c: Constants,
         sums: wp.array[float],
+        spans: wp.array[int],
     ) -> result:
-        return sum_over_pairs(i, X, U, a, offset, tilt, sign, world, reach, records, bounds, grid, c, sums, Screens())
+        return sum_over_pairs(i, X, U, a, offset, tilt, sign, world, reach, records, bounds, grid, c, sums, spans, Screens())
 
     return pair_loop

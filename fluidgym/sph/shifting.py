@@ -78,14 +78,14 @@ def make_shift_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
     @wp.func
     def shift_sum(
         i: int, x: vec, world: int, reach: float, faces: Faces, records: wp.array[float], bounds: wp.array[int],
-        grid: Grid, c: Constants, sums: wp.array[float],
+        grid: Grid, c: Constants, sums: wp.array[float], spans: wp.array[int],
     ) -> vec:  # fmt: skip
         zero = vec()
-        sum = own_loop(i, x, zero, 0.0, 0.0, zero, zero, world, reach, records, bounds, grid, c, sums)
+        sum = own_loop(i, x, zero, 0.0, 0.0, zero, zero, world, reach, records, bounds, grid, c, sums, spans)
         found = near(x, world, faces, c.support)
         for n in range(1, count(found)):
             q = query(n, found, x, zero, zero, zero, world, faces, c)
-            part = loop(i, q.position, zero, 0.0, 0.0, zero, zero, world, reach, records, bounds, grid, c, sums)
+            part = loop(i, q.position, zero, 0.0, 0.0, zero, zero, world, reach, records, bounds, grid, c, sums, spans)
             sum += wp.cw_mul(q.turn, part)
         return sum
 
@@ -127,6 +127,7 @@ def make_shift(s: Structure) -> wp.Kernel:
         density_error: wp.array[float],
         position: wp.array2d[float],
         sums: wp.array[float],
+        spans: wp.array[int],
     ):
         i = wp.tid()
         world = i // capacity
@@ -138,7 +139,7 @@ def make_shift(s: Structure) -> wp.Kernel:
             x[k] = position[k, i]
         if identity[i] >= 0:
             reach = c.support + c.skin
-            sum = shift_sum(i, x, world, reach, faces, records, bounds, grid, c, sums)
+            sum = shift_sum(i, x, world, reach, faces, records, bounds, grid, c, sums, spans)
             d = (-c.shifting * c.dt * c.volume) * sum
             length = wp.length(d)
             longest = wp.static(LONGEST) * c.spacing

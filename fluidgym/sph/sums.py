@@ -96,7 +96,7 @@ def make_density_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
     def density_sum(
         i: int, free: bool, x: vec, u: vec, a: float, g: vec, lean: vec, world: int, reach: float, faces: Faces,
         bodies: Bodies, frozen: Frozen, frozen_grid: Grid, records: wp.array[float], bounds: wp.array[int], grid: Grid,
-        c: Constants, sums: wp.array[float],
+        c: Constants, sums: wp.array[float], spans: wp.array[int],
     ) -> wp.vec3:  # fmt: skip
         sum = wp.vec3(0.0, 0.0, 0.0)
         one = vec(1.0)
@@ -106,11 +106,11 @@ def make_density_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
             shaded = near_body(x, world, bodies, c.support)
             if shaded:
                 sum = own_screened(
-                    i, x, u, a, 0.0, tilt, one, world, reach, records, bounds, grid, c, sums,
+                    i, x, u, a, 0.0, tilt, one, world, reach, records, bounds, grid, c, sums, spans,
                     screens(world, bodies, one, x, one, c.support),
                 )  # fmt: skip
         if not shaded:
-            sum = own_loop(i, x, u, a, 0.0, tilt, one, world, reach, records, bounds, grid, c, sums)
+            sum = own_loop(i, x, u, a, 0.0, tilt, one, world, reach, records, bounds, grid, c, sums, spans)
         if free:
             found = flags()
             if wp.static(s.has_images):
@@ -121,13 +121,13 @@ def make_density_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
                         if shaded:
                             sum += screened(
                                 i, q.position, q.velocity, a, q.offset, q.density_tilt, one, world, reach, records,
-                                bounds, grid, c, sums,
+                                bounds, grid, c, sums, spans,
                                 screens(world, bodies, q.turn, q.plane, x - q.position, c.support),
                             )  # fmt: skip
                     if not shaded:
                         sum += loop(
                             i, q.position, q.velocity, a, q.offset, q.density_tilt, one, world, reach, records, bounds,
-                            grid, c, sums,
+                            grid, c, sums, spans,
                         )  # fmt: skip
             if wp.static(len(s.balls) > 0):
                 if shaded:
@@ -135,7 +135,7 @@ def make_density_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
             if wp.static(s.frozen):
                 if near_bare(x, world, faces, c.support):
                     sum += frozen_loop(
-                        i, x, u, a, 0.0, vec(), one, 0, reach, frozen.records, frozen.bounds, frozen_grid, c, sums
+                        i, x, u, a, 0.0, vec(), one, 0, reach, frozen.records, frozen.bounds, frozen_grid, c, sums, spans
                     )
         return sum
 
@@ -164,7 +164,8 @@ def make_force_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
     pair_loop = partial(make_pair_loop, dim, slope=slope, force=True, plain=s.plain)
     frozen_loop, emit_frozen = pair_loop(_of_frozen(s, s.force_terms), width=s.bare_width, tilted=False)
     of_fluid = partial(pair_loop, s.force_terms, width=s.end_width)
-    own, of_images = partial(of_fluid, tilted=False, half=s.half), partial(of_fluid, tilted=tilted, signed=signed)
+    own = partial(of_fluid, tilted=False, half=s.half)
+    of_images = partial(of_fluid, tilted=tilted, signed=signed, of_images=True)
     (own_loop, emit_fluid), (own_screened, _) = own(), own(screen=_screen(s))
     (loop, _), (screened, _) = of_images(half=s.half_images), of_images(screen=_screen(s))
     drags = tuple(bound(term, dim) for term in s.force_terms if isinstance(term, Drag))
@@ -219,7 +220,7 @@ def make_force_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
     def force_sum(
         i: int, free: bool, x: vec, u: vec, a: float, g: vec, world: int, reach: float, faces: Faces, bodies: Bodies,
         frozen: Frozen, frozen_grid: Grid, records: wp.array[float], bounds: wp.array[int], grid: Grid,
-        forces: wp.array3d[wp.int64], c: Constants, sums: wp.array[float],
+        forces: wp.array3d[wp.int64], c: Constants, sums: wp.array[float], spans: wp.array[int],
     ) -> vec:  # fmt: skip
         sum = vec()
         zero = vec()
@@ -229,11 +230,11 @@ def make_force_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
             shaded = near_body(x, world, bodies, c.support)
             if shaded:
                 sum = own_screened(
-                    i, x, u, a, 0.0, zero, one, world, reach, records, bounds, grid, c, sums,
+                    i, x, u, a, 0.0, zero, one, world, reach, records, bounds, grid, c, sums, spans,
                     screens(world, bodies, one, x, one, c.support),
                 )  # fmt: skip
         if not shaded:
-            sum = own_loop(i, x, u, a, 0.0, zero, one, world, reach, records, bounds, grid, c, sums)
+            sum = own_loop(i, x, u, a, 0.0, zero, one, world, reach, records, bounds, grid, c, sums, spans)
         if free:
             found = flags()
             if wp.static(s.has_images):
@@ -245,13 +246,13 @@ def make_force_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
                         if shaded:
                             f = screened(
                                 i, q.position, q.viscous_velocity, a, q.offset, q.pressure_tilt, q.viscous_turn, world,
-                                reach, records, bounds, grid, c, sums,
+                                reach, records, bounds, grid, c, sums, spans,
                                 screens(world, bodies, q.turn, q.plane, x - q.position, c.support),
                             )  # fmt: skip
                     if not shaded:
                         f = loop(
                             i, q.position, q.viscous_velocity, a, q.offset, q.pressure_tilt, q.viscous_turn, world,
-                            reach, records, bounds, grid, c, sums,
+                            reach, records, bounds, grid, c, sums, spans,
                         )  # fmt: skip
                     sum += wp.cw_mul(q.turn, f)
                     if wp.static(s.forces and "mirror" in s.kinds):
@@ -262,7 +263,7 @@ def make_force_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
             if wp.static(s.frozen):
                 if near_bare(x, world, faces, c.support):
                     sum += frozen_loop(
-                        i, x, u, a, 0.0, zero, one, 0, reach, frozen.records, frozen.bounds, frozen_grid, c, sums
+                        i, x, u, a, 0.0, zero, one, 0, reach, frozen.records, frozen.bounds, frozen_grid, c, sums, spans
                     )
         return c.volume * sum
 
@@ -319,7 +320,7 @@ def make_heat_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
     @wp.func
     def heat_sum(
         i: int, free: bool, x: vec, a: float, world: int, reach: float, faces: Faces, bodies: Bodies,
-        records: wp.array[float], bounds: wp.array[int], grid: Grid, c: Constants, sums: wp.array[float],
+        records: wp.array[float], bounds: wp.array[int], grid: Grid, c: Constants, sums: wp.array[float], spans: wp.array[int],
     ) -> float:  # fmt: skip
         part = wp.vec3(0.0, 0.0, 0.0)
         zero = vec()
@@ -329,11 +330,11 @@ def make_heat_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
             shaded = near_body(x, world, bodies, c.support)
             if shaded:
                 part = own_screened(
-                    i, x, zero, a, 0.0, zero, one, world, reach, records, bounds, grid, c, sums,
+                    i, x, zero, a, 0.0, zero, one, world, reach, records, bounds, grid, c, sums, spans,
                     screens(world, bodies, one, x, one, c.support),
                 )  # fmt: skip
         if not shaded:
-            part = own_loop(i, x, zero, a, 0.0, zero, one, world, reach, records, bounds, grid, c, sums)
+            part = own_loop(i, x, zero, a, 0.0, zero, one, world, reach, records, bounds, grid, c, sums, spans)
         sum = part[0]
         if free:
             found = flags()
@@ -345,13 +346,13 @@ def make_heat_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
                         if shaded:
                             part = screened(
                                 i, q.position, zero, q.flip * (a - q.shift), 0.0, zero, one, world, reach, records,
-                                bounds, grid, c, sums,
+                                bounds, grid, c, sums, spans,
                                 screens(world, bodies, q.turn, q.plane, x - q.position, c.support),
                             )  # fmt: skip
                     if not shaded:
                         part = loop(
                             i, q.position, zero, q.flip * (a - q.shift), 0.0, zero, one, world, reach, records, bounds,
-                            grid, c, sums,
+                            grid, c, sums, spans,
                         )  # fmt: skip
                     sum += q.flip * part[0]
             if wp.static(len(s.balls) > 0):
