@@ -31,7 +31,7 @@ from fluidgym.scene import AXES, Particles, Scene, face_names, pipe_frame
 from fluidgym.scheme import DEFAULT_SCHEME, Scheme
 from fluidgym.sph.constants import Constants
 from fluidgym.sph.integrate import aim, make_step, shift_acceleration
-from fluidgym.sph.neighbors import make_gather, make_grid, rows_after
+from fluidgym.sph.neighbors import make_gather, make_grid, span_numbers
 from fluidgym.state import Frozen, ParticleArrays, State, driven_arrays
 from fluidgym.stepping import Group, Plan, Stepper, processors
 
@@ -213,7 +213,7 @@ class Solver:
             heat=structure.heat,
             forces=structure.forces,
             shifted=structure.shifted,
-            rows_met=len(rows_after(dim)) if structure.half else 0,
+            spans=span_numbers(dim) if structure.half else 0,
         )
         self.state.set_widths(structure.middle_width, structure.end_width)
         self._bounds = wp.zeros(worlds * self._grid.stride + 2, dtype=int, device=device)

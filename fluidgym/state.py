@@ -239,7 +239,7 @@ class State:
         heat: bool = False,
         forces: bool = False,
         shifted: bool = False,
-        rows_met: int = 0,
+        spans: int = 0,
     ):
         """Allocate.
 
@@ -253,7 +253,7 @@ class State:
             heat: Whether temperatures are kept.
             forces: Whether forces are added up.
             shifted: Whether particles are shifted.
-            rows_met: Rows in which each particle meets others, where pairs are met once; else 0.
+            spans: Numbers to keep of where each particle meets others, if pairs are met once; else 0.
         """
         self.dim, self.num_worlds, self.capacity, self.device = dim, num_worlds, capacity, device
         slots = num_worlds * capacity
@@ -277,8 +277,8 @@ class State:
         self.forces = wp.zeros(shape, dtype=wp.int64, device=device)
         self.gain = wp.zeros(num_worlds if shifted else 0, dtype=wp.int64, device=device)
         self.clamped = wp.zeros(num_worlds, dtype=int, device=device)
-        self.sums = make_records(self.places if rows_met else 0, SUMS, device)
-        self.spans = wp.zeros(2 * rows_met * slots, dtype=int, device=device)
+        self.sums = make_records(self.places if spans else 0, SUMS, device)
+        self.spans = wp.zeros(spans * slots, dtype=int, device=device)
 
     @property
     def places(self) -> int:

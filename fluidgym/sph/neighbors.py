@@ -111,6 +111,11 @@ def rows_after(dim: int) -> list[tuple[int, int]]:
     return [(0, 0), (1, 0)] if dim == 2 else [(0, 0), (1, 0), (-1, 1), (0, 1), (1, 1)]
 
 
+def span_numbers(dim: int) -> int:
+    """Numbers that are kept of a particle: first and end of each span, then y and z of its own row."""
+    return 2 * len(rows_after(dim)) + 2
+
+
 def _span_lines(dim: int) -> str:
     """Native lines that find the spans of a particle, its own row first; they count the slack of worlds before it."""
     lines = ["const int shift = world * grid.slack, first_cell = world * grid.stride, nx = grid.count[0];"]
@@ -122,7 +127,8 @@ def _span_lines(dim: int) -> str:
             lines.append(f"const float gap_{name}[3] = {{wp::max(below_{name}, 0.0f), 0.0f,")
             lines.append(f"wp::max(grid.width[{axis}] - below_{name}, 0.0f)}};")
     rows = rows_after(dim)
-    lines.append(f"int* __restrict__ span = spans.data + i * {2 * len(rows)};")
+    lines.append(f"int* __restrict__ span = spans.data + i * {span_numbers(dim)};")
+    lines.append(f"span[{2 * len(rows)}] = y; span[{2 * len(rows) + 1}] = z;")
     for n, (y, z) in enumerate(rows):
         gaps = [f"gap_{name}[{1 + d}]" for name, d in (("y", y), ("z", z)) if d]
         there = [f"{name} {'+ 1 < grid.count[' + str(k) + ']' if d > 0 else '> 0'}"

@@ -22,7 +22,7 @@ import warp as wp
 
 from fluidgym.records import LANES, SUMS, fetch, place_on_cpu
 from fluidgym.sph.constants import Constants
-from fluidgym.sph.neighbors import Grid, rows_after
+from fluidgym.sph.neighbors import Grid, rows_after, span_numbers
 from fluidgym.sph.terms import Drag, Term, bound, total
 
 _LANES = f"""
@@ -70,12 +70,28 @@ def _row_lines(dim: int, half: bool, width: int) -> str:
     return "\n".join([*lines, _BLOCKS])
 
 
-def _span_lines(dim: int, width: int) -> str:
-    """Native lines that go through the spans of half a loop."""
-    lines = [f"const int rows = {len(rows_after(dim))}, width = {width};"]
-    lines += ["const int* __restrict__ span = spans.data + i * 2 * rows;"]
+def _span_lines(dim: int, width: int, of_images: bool) -> str:
+    """Native lines that go through the spans of half a loop; a mirror image is out of reach of some, and has no others.
+
+    It is farther from everything than what it shows.
+    """
+    rows = rows_after(dim)
+    lines = [f"const int rows = {len(rows)}, width = {width};"]
+    lines.append(f"const int* __restrict__ span = spans.data + i * {span_numbers(dim)};")
+    if of_images:
+        for n, name in enumerate("yz"[: dim - 1]):
+            steps = ", ".join(f"{row[n]}.0f" for row in rows)
+            lines.append(f"const float step_{name}[rows] = {{{steps}}};")
+            lines.append(f"const float own_{name} = grid.lower[{n + 1}] - X[{n + 1}]")
+            lines.append(f" + grid.width[{n + 1}] * span[2 * rows + {n}];")
     lines.append("for (int row = 0; row < rows; ++row) {")
     lines.append("const int first = span[2 * row], end = span[2 * row + 1];")
+    if of_images:
+        for n, name in enumerate("yz"[: dim - 1]):
+            lines.append(f"const float below_{name} = own_{name} + grid.width[{n + 1}] * step_{name}[row];")
+            lines.append(f"const float gap_{name} = wp::max(wp::max(below_{name}, -below_{name} - grid.width[{n + 1}]), 0.0f);")
+        gaps = " + ".join(f"gap_{name} * gap_{name}" for name in "yz"[: dim - 1])
+        lines.append(f"if (({gaps} >= reach * reach) | (first >= end)) continue;")
     return "\n".join([*lines, _BLOCKS])
 
 
@@ -192,7 +208,7 @@ def _snippet(
     if half:
         lines.append(f"float* __restrict__ own = sums.data + {place_on_cpu('i + world * grid.slack', 0, SUMS)};")
         lines += [f"const float from_before{k} = own[{k} * lanes];" for k in parts]
-    lines.append(_span_lines(dim, width) if half and not of_images else _row_lines(dim, half, width))
+    lines.append(_span_lines(dim, width, of_images) if half else _row_lines(dim, half, width))
     lines += [f"const float x{k} = X{k} - {_part(k)}, u{k} = U{k} - {_part(dim + k)};" for k in axes]
     lines.append(f"const float b = {_part(field_at)};")
     lines += look
@@ -235,7 +251,7 @@ def _snippet(
             values = {k: f"{value} + d_j * u{k}" for k, value in values.items()}
         for k, value in values.items():
             lines.append(f"sums.data[block * {SUMS} + {k} * lanes + lane] {'-' if force else '+'}= {value};")
-    lines.append("}" * (3 if half and not of_images else dim + 1))
+    lines.append("}" * (3 if half else dim + 1))
     lines += [f"for (int lane = 1; lane < lanes; ++lane) sum{k}[0] += sum{k}[lane];" for k in parts]
     if half:
         # What i has just given to itself goes with the rest: the next loop begins at nothing.
