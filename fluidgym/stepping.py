@@ -171,7 +171,7 @@ class Group:
             plan.kernels.gather,
             dim=slots,
             inputs=[
-                *(state.capacity, plan.grid, bounds, state.key, state.order),
+                *(state.capacity, plan.grid, bounds, state.order),
                 *(getattr(particles, name) for name in names),
             ],
             outputs=[state.middle, state.density_error, state.identity, state.temperature, state.spans],

@@ -120,7 +120,9 @@ def _span_lines(dim: int) -> str:
     """Native lines that find the spans of a particle, its own row first; they count the slack of worlds before it."""
     lines = ["const int shift = world * grid.slack, first_cell = world * grid.stride, nx = grid.count[0];"]
     lines.append("const float reach = grid.width[1];")
-    lines.append("const int y = cell / nx % grid.count[1], z = cell / nx / grid.count[1];")
+    for axis, name in ((1, "y"), (2, "z")):
+        index = f"wp::clamp((int)((X[{axis}] - grid.lower[{axis}]) * grid.inv_width[{axis}]), 0, grid.count[{axis}] - 1)"
+        lines.append(f"const int {name} = {index if axis < dim else 0};")
     for axis, name in enumerate("xyz"[:dim]):
         if axis:
             lines.append(f"const float below_{name} = X[{axis}] - grid.lower[{axis}] - {name} * grid.width[{axis}];")
@@ -153,7 +155,7 @@ def _span_lines(dim: int) -> str:
 def make_find_spans(dim: int) -> wp.Function:
     """Warp function (i, X, cell, world, bounds, grid, spans) that notes where half a loop finds neighbours.
 
-    Of the particle in slot i at X, in that cell of its world: in each row of `rows_after` from which record to which.
+    Of the particle in slot i at X: in each row of `rows_after` from which record to which.
     """
     vec = wp.types.vector(dim, wp.float32)
 
@@ -161,7 +163,6 @@ def make_find_spans(dim: int) -> wp.Function:
     def find_spans(
         i: int,
         X: vec,
-        cell: int,
         world: int,
         bounds: wp.array[int],
         grid: Grid,
@@ -186,7 +187,6 @@ def make_gather(s: Structure) -> wp.Kernel:
         capacity: int,
         grid: Grid,
         bounds: wp.array[int],
-        key: wp.array[int],
         order: wp.array[int],
         position: wp.array2d[float],
         velocity: wp.array2d[float],
@@ -208,7 +208,7 @@ def make_gather(s: Structure) -> wp.Kernel:
             x = vec()
             for k in range(wp.static(dim)):
                 x[k] = position[k, j]
-            find_spans(i, x, key[j] - world * grid.stride, world, bounds, grid, spans)
+            find_spans(i, x, world, bounds, grid, spans)
         for k in range(wp.static(dim)):
             put(records, slot, k, wp.static(width), position[k, j])
             put(records, slot, wp.static(dim) + k, wp.static(width), velocity[k, j])
