@@ -226,14 +226,14 @@ def _snippet(
         f"const float a_j = {field};",
         "const float r = sqrtf(r2);",
         f"const float w = {slope.native_func}(r, c);",
-        f"const float f = {term.native_func}(r, xu, w, a, a_j, c);",
+        f"const float f = {term.native_func}(r2, xu, w, a, a_j, c);",
     ]
     values = {k: f"f * x{k}" for k in axes} if force else {0: "f"}
     if weighed:
         lines.append(f"const float v = -{weight.native_func}(r, c);")
         values[weighed] = "v"
     if drag is not None:
-        lines.append(f"const float d = {drag.native_func}(r, xu, w, a, a_j, c);")
+        lines.append(f"const float d = {drag.native_func}(r2, xu, w, a, a_j, c);")
         values = {k: f"{value} + d * {f'S{k} * ' * signed}u{k}" for k, value in values.items()}
     lines += [f"sum{k}[lane] += {value};" for k, value in values.items()]
     if half:
@@ -242,12 +242,12 @@ def _snippet(
         bend = " - c.central_force * c.inv_c_0_squared * r2" if central else ""
         turned = "wp::max(a - offset, wp::min(a, 0.0f))" if force else f"a - more{bend}"
         lines.append(f"const float a_i = {turned if tilted else 'a'};")
-        lines.append(f"const float f_j = {term.native_func}(r, xu, w, b, a_i, c);")
+        lines.append(f"const float f_j = {term.native_func}(r2, xu, w, b, a_i, c);")
         values = {k: f"f_j * x{k}" for k in axes} if force else {0: "f_j"}
         if weighed:
             values[weighed] = "v"
         if drag is not None:
-            lines.append(f"const float d_j = {drag.native_func}(r, xu, w, b, a_i, c);")
+            lines.append(f"const float d_j = {drag.native_func}(r2, xu, w, b, a_i, c);")
             values = {k: f"{value} + d_j * u{k}" for k, value in values.items()}
         for k, value in values.items():
             lines.append(f"sums.data[block * {SUMS} + {k} * lanes + lane] {'-' if force else '+'}= {value};")
@@ -492,12 +492,12 @@ def _plain_loop(
                             seen = not hides(X, x, screens, c)
                         r = wp.length(x)
                         w = slope(r, c)
-                        f = term(r, xu, w, a, a_j, c)
+                        f = term(r * r, xu, w, a, a_j, c)
                         if seen:
                             if wp.static(force):
                                 sum += f * x
                                 if wp.static(drag is not None):
-                                    sum += drag(r, xu, w, a, a_j, c) * u
+                                    sum += drag(r * r, xu, w, a, a_j, c) * u
                             else:
                                 sum[0] += f
                                 if wp.static(weight is not None):

@@ -88,7 +88,7 @@ def make_density_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
                         for m in range(4):
                             point = point_volume(hit.distance, hit.end, m, hit.share, wp.static(dim), c)
                             r = point[0]
-                            rate = term(r, -r * closing, slope(r, c), a, a, c)
+                            rate = term(r * r, -r * closing, slope(r, c), a, a, c)
                             sum += point[1] * wp.vec3(rate, 0.0, -weight(r, c))
         return sum
 
@@ -201,9 +201,9 @@ def make_force_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
                             a_m = wp.max(a + pull * r, wp.min(a, 0.0))
                             w = slope(r, c)
                             xu = -r * wp.dot(e, v)
-                            part -= (point[1] * r * force(r, xu, w, a, a_m, c)) * e
+                            part -= (point[1] * r * force(r * r, xu, w, a, a_m, c)) * e
                             if wp.static(len(drags) > 0):
-                                part += (point[1] * drag(r, xu, w, a, a_m, c)) * v
+                                part += (point[1] * drag(r * r, xu, w, a, a_m, c)) * v
                 sum += part
                 if wp.static(s.forces):
                     for k in range(wp.static(dim)):

@@ -6,7 +6,8 @@ A term sees only what does not turn with the axes. Its function has the signatur
 
 with r = |x_ij| [m], xu = x_ij . u_ij [m2/s], slope = W'(r)/r, and a the field of its sweep: the relative density
 error s in a density rate, the reduced pressure P in a force. Where i meets a mirror image, xu and a_j are the image's.
-A term with a weight of its own is handed that in place of the slope. Where that is 0, so must the term be: the loops
+A term with a weight of its own is handed that in place of the slope, a squared one r^2 in place of r, so that it need
+not wait for a square root that it has no use for. Where the slope is 0, so must the term be: the loops
 come across places beyond the support, and some that no particle is at.
 """
 
@@ -24,6 +25,7 @@ class _Term:
     function: wp.Function
     weight: Callable[[int], wp.Function] | None = None  # dim -> (r, Constants) -> what stands in for the slope
     reads_density: bool = False  # a Force or Drag whose field is s, not P
+    squared: bool = False  # whether the function takes r^2, not r
 
     def __post_init__(self) -> None:
         if not isinstance(self.function, wp.Function):
@@ -62,28 +64,35 @@ Term = DensityRate | DensitySum | Force | Drag
 
 
 @wp.func
-def no_term(r: float, xu: float, slope: float, a_i: float, a_j: float, c: Constants) -> float:
+def no_term(r2: float, xu: float, slope: float, a_i: float, a_j: float, c: Constants) -> float:
     """The sum of no terms."""
     return 0.0
 
 
 @lru_cache
 def bound(term: _Term, dim: int) -> wp.Function:
-    """The function of a term, with the weight of its own if it has one."""
-    if term.weight is None:
-        return term.function
-    function, weight = term.function, term.weight(dim)
+    """The function of a term, of r^2, with the weight of its own if it has one."""
+    function, squared = term.function, term.squared
+    if squared and term.weight is None:
+        return function
+    weight = term.weight(dim) if term.weight else None
 
     @wp.func
-    def weighted_term(r: float, xu: float, slope: float, a_i: float, a_j: float, c: Constants) -> float:
-        return function(r, xu, weight(r, c), a_i, a_j, c)
+    def bound_term(r2: float, xu: float, slope: float, a_i: float, a_j: float, c: Constants) -> float:
+        r = wp.sqrt(r2)
+        w = slope
+        if wp.static(weight is not None):
+            w = weight(r, c)
+        if wp.static(squared):
+            r = r2
+        return function(r, xu, w, a_i, a_j, c)
 
-    return weighted_term
+    return bound_term
 
 
 @lru_cache
 def total(functions: tuple[wp.Function, ...]) -> wp.Function:
-    """One function that adds up several of the same signature."""
+    """One function of r^2 that adds up several such."""
     if not functions:
         return no_term
     if len(functions) == 1:
@@ -91,7 +100,7 @@ def total(functions: tuple[wp.Function, ...]) -> wp.Function:
     first, rest = functions[0], total(functions[1:])
 
     @wp.func
-    def sum_of_terms(r: float, xu: float, slope: float, a_i: float, a_j: float, c: Constants) -> float:
-        return first(r, xu, slope, a_i, a_j, c) + rest(r, xu, slope, a_i, a_j, c)
+    def sum_of_terms(r2: float, xu: float, slope: float, a_i: float, a_j: float, c: Constants) -> float:
+        return first(r2, xu, slope, a_i, a_j, c) + rest(r2, xu, slope, a_i, a_j, c)
 
     return sum_of_terms
