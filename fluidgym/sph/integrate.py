@@ -20,7 +20,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from fluidgym.compilation import OPTIONS, shared_module
-from fluidgym.records import fetch, put
+from fluidgym.records import fetch, get, put, set_to
 from fluidgym.sph.bodies import make_bodies
 from fluidgym.sph.constants import Constants
 from fluidgym.sph.inflow import FREE, GONE, IN_PIPE, WEIGHED, make_carriers, make_emit
@@ -121,9 +121,9 @@ def make_drift(s: Structure) -> wp.Kernel:
             u = vec()
             x = vec()
             for k in range(wp.static(dim)):
-                x_0[k] = position[k, i]
-                u_0[k] = velocity[k, i]
-                u[k] = u_0[k] + wp.static(steps.opening_kick) * c.dt * acceleration[k, i]
+                x_0[k] = get(position, k, i)
+                u_0[k] = get(velocity, k, i)
+                u[k] = u_0[k] + wp.static(steps.opening_kick) * c.dt * get(acceleration, k, i)
             if wp.static(s.carried):
                 at = carried(x_0, world, nozzles, drains, c)
                 if at.how == IN_PIPE:
@@ -144,8 +144,8 @@ def make_drift(s: Structure) -> wp.Kernel:
             if wp.static("periodic" in kinds):
                 x = wrap(x, world, faces)
             for k in range(wp.static(dim)):
-                position[k, i] = x[k]
-                velocity[k, i] = u[k]
+                set_to(position, k, i, x[k])
+                set_to(velocity, k, i, u[k])
             cell = cell_of(x, grid)
             leaves = bool(False)
             if wp.static("open" in kinds):
@@ -217,7 +217,7 @@ def make_advance_density(s: Structure) -> wp.Kernel:
         for k in range(wp.static(dim)):
             x[k] = fetch(records, slot, k, wp.static(middle))
             u[k] = fetch(records, slot, wp.static(dim) + k, wp.static(middle))
-            g[k] = gravity[world, k]
+            g[k] = get(gravity, world, k)
             if wp.static(s.leaning):
                 lean[k] = 0.5 * fetch(records, slot, wp.static(s.bare_width) + k, wp.static(middle))
         if wp.static(s.central):
@@ -269,7 +269,7 @@ def make_advance_density(s: Structure) -> wp.Kernel:
                     out = keep_out(x_0, x, u, world, bodies, bodies_end, c, clamped)
                     x = out.position
         for k in range(wp.static(dim)):
-            position[k, i] = x[k]
+            set_to(position, k, i, x[k])
             put(records_out, slot, k, wp.static(end), x[k])
             put(records_out, slot, wp.static(dim) + k, wp.static(end), u[k])
         density_error[i] = error
@@ -327,7 +327,7 @@ def make_kick(s: Structure) -> wp.Kernel:
         for k in range(wp.static(dim)):
             x[k] = fetch(records, slot, k, wp.static(end))
             u[k] = fetch(records, slot, wp.static(dim) + k, wp.static(end))
-            g[k] = gravity[world, k]
+            g[k] = get(gravity, world, k)
         if wp.static(s.central):
             g -= c.central_force * x
         a = vec()
@@ -352,8 +352,8 @@ def make_kick(s: Structure) -> wp.Kernel:
             if wp.static(len(s.balls) > 0):
                 a += body_cushion(x, world, bodies, forces, c)
         for k in range(wp.static(dim)):
-            velocity[k, i] = u[k] + wp.static(closing_kick) * c.dt * a[k]
-            acceleration[k, i] = a[k]
+            set_to(velocity, k, i, u[k] + wp.static(closing_kick) * c.dt * a[k])
+            set_to(acceleration, k, i, a[k])
 
     return kick
 

@@ -18,7 +18,7 @@ import numpy as np
 import warp as wp
 
 from fluidgym.compilation import OPTIONS, shared_module
-from fluidgym.records import put, slack
+from fluidgym.records import get, put, slack
 from fluidgym.sph.structure import Structure
 
 CELLS_ALONG_X = 8  # cells to a search radius along x: narrower wastes scans, wider wastes candidates
@@ -207,13 +207,13 @@ def make_gather(s: Structure) -> wp.Kernel:
         if wp.static(s.half):
             x = vec()
             for k in range(wp.static(dim)):
-                x[k] = position[k, j]
+                x[k] = get(position, k, j)
             find_spans(i, x, world, bounds, grid, spans)
         for k in range(wp.static(dim)):
-            put(records, slot, k, wp.static(width), position[k, j])
-            put(records, slot, wp.static(dim) + k, wp.static(width), velocity[k, j])
+            put(records, slot, k, wp.static(width), get(position, k, j))
+            put(records, slot, wp.static(dim) + k, wp.static(width), get(velocity, k, j))
             if wp.static(s.leaning):
-                put(records, slot, wp.static(2 * dim + 1) + k, wp.static(width), acceleration[k, j])
+                put(records, slot, wp.static(2 * dim + 1) + k, wp.static(width), get(acceleration, k, j))
         put(records, slot, wp.static(2 * dim), wp.static(width), density_error[j])
         density_error_out[i] = density_error[j]
         identity_out[i] = identity[j]

@@ -17,6 +17,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from fluidgym.records import get
 from fluidgym.sph.constants import Constants
 from fluidgym.sph.structure import Structure
 from fluidgym.state import Faces
@@ -67,10 +68,10 @@ def make_images(s: Structure) -> SimpleNamespace:
         found = flags()
         for k in range(wp.static(dim)):
             if (imaged >> (2 * k)) & 1 != 0:
-                if x[k] - faces.position[world, 2 * k] < reach:
+                if x[k] - get(faces.position, world, 2 * k) < reach:
                     found[k] = 1
             if (imaged >> (2 * k + 1)) & 1 != 0:
-                if faces.position[world, 2 * k + 1] - x[k] < reach:
+                if get(faces.position, world, 2 * k + 1) - x[k] < reach:
                     found[k] += 2
         return found
 
@@ -104,21 +105,21 @@ def make_images(s: Structure) -> SimpleNamespace:
                     if choice == 2 or found[k] == 2:
                         face = 2 * k + 1
                     if (mirrors >> face) & 1 != 0:
-                        w = faces.position[world, face]
-                        pull = (g[k] - faces.acceleration[world, face]) * c.inv_c_0_squared
+                        w = get(faces.position, world, face)
+                        pull = (g[k] - get(faces.acceleration, world, face)) * c.inv_c_0_squared
                         q.position[k] = 2.0 * w - x[k]
-                        q.velocity[k] = 2.0 * faces.velocity[world, face] - u[k]
+                        q.velocity[k] = 2.0 * get(faces.velocity, world, face) - u[k]
                         q.turn[k] = -1.0
                         if (sticky >> face) & 1 != 0:
                             for m in range(wp.static(dim)):
                                 wall_velocity = faces.sliding[world, face, m]
                                 if m == k:
-                                    wall_velocity += faces.velocity[world, face]
+                                    wall_velocity += get(faces.velocity, world, face)
                                 q.viscous_velocity[m] = 2.0 * wall_velocity - q.viscous_velocity[m]
                                 if m != k:
                                     q.viscous_turn[m] = -q.viscous_turn[m]
                         else:
-                            q.viscous_velocity[k] = 2.0 * faces.velocity[world, face] - q.viscous_velocity[k]
+                            q.viscous_velocity[k] = 2.0 * get(faces.velocity, world, face) - q.viscous_velocity[k]
                         q.offset += 2.0 * pull * (w - q.position[k])
                         # The image accelerates by 2 a_w - a_j.
                         q.density_tilt[k] = pull + lean[k] * c.inv_c_0_squared
@@ -130,7 +131,7 @@ def make_images(s: Structure) -> SimpleNamespace:
                             q.flip = -q.flip
                     else:
                         other = 4 * k + 1 - face
-                        q.position[k] = x[k] + faces.position[world, other] - faces.position[world, face]
+                        q.position[k] = x[k] + get(faces.position, world, other) - get(faces.position, world, face)
         return q
 
     @wp.func
@@ -151,9 +152,9 @@ def make_images(s: Structure) -> SimpleNamespace:
             springs = bare
         for k in range(wp.static(dim)):
             if (springs >> (2 * k)) & 1 != 0:
-                push[k] += stiffness * wp.max(depth - x[k] + faces.position[world, 2 * k], 0.0)
+                push[k] += stiffness * wp.max(depth - x[k] + get(faces.position, world, 2 * k), 0.0)
             if (springs >> (2 * k + 1)) & 1 != 0:
-                push[k] -= stiffness * wp.max(depth + x[k] - faces.position[world, 2 * k + 1], 0.0)
+                push[k] -= stiffness * wp.max(depth + x[k] - get(faces.position, world, 2 * k + 1), 0.0)
             if wp.static(s.forces):
                 if push[k] != 0.0:
                     face = 2 * k + wp.where(push[k] < 0.0, 1, 0)
@@ -183,10 +184,10 @@ def make_images(s: Structure) -> SimpleNamespace:
         found = bool(False)
         for k in range(wp.static(dim)):
             if (bare >> (2 * k)) & 1 != 0:
-                if x[k] - faces.position[world, 2 * k] < reach:
+                if x[k] - get(faces.position, world, 2 * k) < reach:
                     found = True
             if (bare >> (2 * k + 1)) & 1 != 0:
-                if faces.position[world, 2 * k + 1] - x[k] < reach:
+                if get(faces.position, world, 2 * k + 1) - x[k] < reach:
                     found = True
         return found
 
@@ -211,15 +212,15 @@ def make_images(s: Structure) -> SimpleNamespace:
                 face = 2 * k + side
                 if (walls >> face) & 1 != 0:
                     outward = float(2 * side - 1)
-                    if outward * (x[k] - faces.position[world, face]) > 0.0:
-                        kept.position[k] = faces.position[world, face]
-                        excess = u[k] - faces.velocity[world, face]
+                    if outward * (x[k] - get(faces.position, world, face)) > 0.0:
+                        kept.position[k] = get(faces.position, world, face)
+                        excess = u[k] - get(faces.velocity, world, face)
                         if outward * excess > 0.0:
                             if wp.static(wall == "clamp"):
                                 excess *= -c.wall_damping
                             else:
                                 excess = 0.0
-                            kept.velocity[k] = faces.velocity[world, face] + excess
+                            kept.velocity[k] = get(faces.velocity, world, face) + excess
                         if wp.static(wall != "clamp"):
                             wp.atomic_add(clamped, world, 1)
         return kept
@@ -230,8 +231,8 @@ def make_images(s: Structure) -> SimpleNamespace:
         y = x
         for k in range(wp.static(dim)):
             if ((imaged & ~mirrors) >> (2 * k)) & 1 != 0:
-                low = faces.position[world, 2 * k]
-                high = faces.position[world, 2 * k + 1]
+                low = get(faces.position, world, 2 * k)
+                high = get(faces.position, world, 2 * k + 1)
                 if x[k] < low:
                     y[k] = x[k] + (high - low)
                 if x[k] >= high:
@@ -244,10 +245,10 @@ def make_images(s: Structure) -> SimpleNamespace:
         left = bool(False)
         for k in range(wp.static(dim)):
             if (exits >> (2 * k)) & 1 != 0:
-                if x[k] < faces.position[world, 2 * k]:
+                if x[k] < get(faces.position, world, 2 * k):
                     left = True
             if (exits >> (2 * k + 1)) & 1 != 0:
-                if x[k] > faces.position[world, 2 * k + 1]:
+                if x[k] > get(faces.position, world, 2 * k + 1):
                     left = True
         return left
 
