@@ -192,7 +192,15 @@ class Group:
                 *around,
                 *(state.middle, state.identity, state.temperature),
             ],
-            outputs=[particles.position, density_out, particles.identity, state.end, state.clamped, state.sums, state.spans],
+            outputs=[
+                particles.position,
+                density_out,
+                particles.identity,
+                state.end,
+                state.clamped,
+                state.sums,
+                state.spans,
+            ],
             device=state.device,
         )
 

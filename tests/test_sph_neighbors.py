@@ -86,6 +86,7 @@ def visits(solver, position, search, half=False):
         grid: Grid,
         live: wp.array[int],
         given: wp.array[float],
+        spans: wp.array[int],
         sums: wp.array[float],
     ):
         i = wp.tid()
@@ -99,7 +100,9 @@ def visits(solver, position, search, half=False):
         a = fetch(records, i + world * grid.slack, wp.static(2 * dim), wp.static(width))
         sums[i] = 0.0
         if live[i] >= 0:
-            found = pair_loop(i, x, vec(), a, 0.0, vec(), vec(1.0), world, search, records, bounds, grid, c, given)
+            found = pair_loop(
+                i, x, vec(), a, 0.0, vec(), vec(1.0), world, search, records, bounds, grid, c, given, spans
+            )  # fmt: skip
             sums[i] = found[0]
 
     identity = wp.array(solver.state.start.identity.numpy()[:slots], dtype=int, device="cpu")
@@ -110,8 +113,8 @@ def visits(solver, position, search, half=False):
     for j in range(slots):
         parts[-1] = np.arange(slots) == j
         records = pack(parts, solver.device, capacity)
-        inputs = [capacity, search, solver._constants, records, solver._bounds, solver._grid, identity, given, sums]
-        wp.launch(visit, slots, inputs, device="cpu")
+        inputs = [capacity, search, solver._constants, records, solver._bounds, solver._grid, identity, given]
+        wp.launch(visit, slots, [*inputs, solver.state.spans, sums], device="cpu")
         counted[:, j] = sums.numpy()
     return counted
 

@@ -66,7 +66,7 @@ def sum_all(solver, terms, force, tilted, signed, leaning, device, central=False
     make = partial(make_pair_loop, dim, terms, slope, force, width, tilted, leaning=leaning, weight=slope)
     native, emit_terms = make(signed)
     plain, _ = make(signed, plain=True)
-    half, _ = make(half=not signed, central=central)
+    half, _ = make(half=not signed and device == "cpu", central=central)
     vec = wp.types.vector(dim, wp.float32)
     parts = dim if force else 3
 
@@ -82,6 +82,7 @@ def sum_all(solver, terms, force, tilted, signed, leaning, device, central=False
         bend: float,
         sign: vec,
         given: wp.array[float],
+        spans: wp.array[int],
         sums: wp.array3d[float],
     ):
         i = wp.tid()
@@ -103,9 +104,9 @@ def sum_all(solver, terms, force, tilted, signed, leaning, device, central=False
             if wp.static(central):
                 lean[k] -= bend * c.inv_c_0_squared * x[k]
         a = fetch(records, slot, wp.static(2 * dim), wp.static(width))
-        p = native(i, x, u, a, offset, lean, sign, world, c.support, records, bounds, grid, c, given)
-        q = plain(i, x, u, a, offset, lean, sign, world, c.support, records, bounds, grid, c, given)
-        h = half(i, x, u, a, 0.0, lean, sign, world, c.support, records, bounds, grid, c, given)
+        p = native(i, x, u, a, offset, lean, sign, world, c.support, records, bounds, grid, c, given, spans)
+        q = plain(i, x, u, a, offset, lean, sign, world, c.support, records, bounds, grid, c, given, spans)
+        h = half(i, x, u, a, 0.0, lean, sign, world, c.support, records, bounds, grid, c, given, spans)
         for k in range(wp.static(parts)):
             sums[0, i, k] = p[k]
             sums[1, i, k] = q[k]
@@ -119,7 +120,7 @@ def sum_all(solver, terms, force, tilted, signed, leaning, device, central=False
     sums = wp.zeros((3, slots, parts), dtype=float, device=device)
     inputs = [solver.capacity, solver._constants, solver._grid, solver._bounds, records, 0.004 * signed]
     tilt, sign = vec(*[0.03, -0.02, 0.01][:dim]), vec(*[-1.0, 1.0, -1.0][:dim])
-    wp.launch(all_three, slots, [*inputs, tilt, 40.0 * central, sign, given, sums], device=device)
+    wp.launch(all_three, slots, [*inputs, tilt, 40.0 * central, sign, given, solver.state.spans, sums], device=device)
     assert not given.numpy().any()
     return sums.numpy().astype(float)
 

@@ -121,7 +121,9 @@ def _span_lines(dim: int) -> str:
     lines = ["const int shift = world * grid.slack, first_cell = world * grid.stride, nx = grid.count[0];"]
     lines.append("const float reach = grid.width[1];")
     for axis, name in ((1, "y"), (2, "z")):
-        index = f"wp::clamp((int)((X[{axis}] - grid.lower[{axis}]) * grid.inv_width[{axis}]), 0, grid.count[{axis}] - 1)"
+        index = (
+            f"wp::clamp((int)((X[{axis}] - grid.lower[{axis}]) * grid.inv_width[{axis}]), 0, grid.count[{axis}] - 1)"
+        )
         lines.append(f"const int {name} = {index if axis < dim else 0};")
     for axis, name in enumerate("xyz"[:dim]):
         if axis:
@@ -133,8 +135,11 @@ def _span_lines(dim: int) -> str:
     lines.append(f"span[{2 * len(rows)}] = y; span[{2 * len(rows) + 1}] = z;")
     for n, (y, z) in enumerate(rows):
         gaps = [f"gap_{name}[{1 + d}]" for name, d in (("y", y), ("z", z)) if d]
-        there = [f"{name} {'+ 1 < grid.count[' + str(k) + ']' if d > 0 else '> 0'}"
-                 for k, name, d in ((1, "y", y), (2, "z", z)) if d]
+        there = [
+            f"{name} {'+ 1 < grid.count[' + str(k) + ']' if d > 0 else '> 0'}"
+            for k, name, d in ((1, "y", y), (2, "z", z))
+            if d
+        ]
         lines.append("{")
         lines.append(f"const float rest = reach * reach{''.join(f' - {gap} * {gap}' for gap in gaps)};")
         lines.append("const float chord = sqrtf(wp::max(rest, 0.0f));")

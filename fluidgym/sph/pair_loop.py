@@ -89,7 +89,9 @@ def _span_lines(dim: int, width: int, of_images: bool) -> str:
     if of_images:
         for n, name in enumerate("yz"[: dim - 1]):
             lines.append(f"const float below_{name} = own_{name} + grid.width[{n + 1}] * step_{name}[row];")
-            lines.append(f"const float gap_{name} = wp::max(wp::max(below_{name}, -below_{name} - grid.width[{n + 1}]), 0.0f);")
+            lines.append(
+                f"const float gap_{name} = wp::max(wp::max(below_{name}, -below_{name} - grid.width[{n + 1}]), 0.0f);"
+            )
         gaps = " + ".join(f"gap_{name} * gap_{name}" for name in "yz"[: dim - 1])
         lines.append(f"if (({gaps} >= reach * reach) | (first >= end)) continue;")
     return "\n".join([*lines, _BLOCKS])
@@ -525,6 +527,8 @@ def _plain_loop(
         sums: wp.array[float],
         spans: wp.array[int],
     ) -> result:
-        return sum_over_pairs(i, X, U, a, offset, tilt, sign, world, reach, records, bounds, grid, c, sums, spans, Screens())
+        return sum_over_pairs(
+            i, X, U, a, offset, tilt, sign, world, reach, records, bounds, grid, c, sums, spans, Screens()
+        )
 
     return pair_loop

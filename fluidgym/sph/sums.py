@@ -135,7 +135,21 @@ def make_density_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
             if wp.static(s.frozen):
                 if near_bare(x, world, faces, c.support):
                     sum += frozen_loop(
-                        i, x, u, a, 0.0, vec(), one, 0, reach, frozen.records, frozen.bounds, frozen_grid, c, sums, spans
+                        i,
+                        x,
+                        u,
+                        a,
+                        0.0,
+                        vec(),
+                        one,
+                        0,
+                        reach,
+                        frozen.records,
+                        frozen.bounds,
+                        frozen_grid,
+                        c,
+                        sums,
+                        spans,
                     )
         return sum
 
