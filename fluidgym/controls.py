@@ -47,7 +47,7 @@ class Controls:
 
     def __init__(self, scene: Scene, num_worlds: int):
         """At rest, under the gravity of the scene, the nozzles as the scene has them."""
-        self._scene = scene
+        self._scene, self._faces = scene, face_names(scene.dim)
         dim, inflows = scene.dim, list(scene.inflows.values())
         n = len(inflows)
         self._start = {
@@ -94,18 +94,16 @@ class Controls:
         self._check_limits("gravity", Limits(-strongest, strongest, "m/s2"))
         for name in ("face_velocity", "body_velocity"):
             self._check_limits(name, Limits(-fastest, fastest, "m/s"))
-        pushed = np.flatnonzero(self._now["face_velocity"].any(axis=0))
-        for name in np.array(face_names(self._scene.dim))[pushed]:
-            if not self._scene.faces[name].moving:
+        for name, pushed in zip(self._faces, self._now["face_velocity"].any(axis=0).tolist(), strict=True):
+            if pushed and not self._scene.faces[name].moving:
                 raise ValueError(
-                    f"Solver.face_velocity of {str(name)!r} is not 0, but that face does not move;"
+                    f"Solver.face_velocity of {name!r} is not 0, but that face does not move;"
                     " make it Face(moving=True) in the scene"
                 )
-        pushed = np.flatnonzero(self._now["body_velocity"].any(axis=(0, 2)))
-        for name in np.array(list(self._scene.bodies))[pushed] if len(pushed) else ():
-            if not self._scene.bodies[name].moving:
+        for name, pushed in zip(self._scene.bodies, self._now["body_velocity"].any(axis=(0, 2)).tolist(), strict=True):
+            if pushed and not self._scene.bodies[name].moving:
                 raise ValueError(
-                    f"Solver.body_velocity of {str(name)!r} is not 0, but that body does not move;"
+                    f"Solver.body_velocity of {name!r} is not 0, but that body does not move;"
                     " make it Body(moving=True) in the scene"
                 )
         for index, (name, inflow) in enumerate(self._scene.inflows.items()):
@@ -137,8 +135,9 @@ class Controls:
 
     def _check_limits(self, name: str, limits: Limits, place: Any = (), label: str = "") -> None:
         values = self._now[name][place]
-        wrong = np.argwhere(~((values >= limits.lowest) & (values <= limits.highest)))
-        if len(wrong):
+        right = (values >= limits.lowest) & (values <= limits.highest)
+        if not right.all():
+            wrong = np.argwhere(~right)
             at = tuple(wrong[0].tolist())
             where = label or f"[{', '.join(map(str, at))}]"
             raise ValueError(

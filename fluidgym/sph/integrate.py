@@ -233,7 +233,8 @@ def make_advance_density(s: Structure) -> wp.Kernel:
                     error = at.held
                     if how == IN_PIPE:
                         mean = mean_loop(
-                            i, at.mirror, u, 0.0, 0.0, vec(), vec(1.0), world, c.support, records, bounds, grid, c, sums, spans
+                            i, at.mirror, u, 0.0, 0.0, vec(), vec(1.0), world, c.support, records, bounds, grid, c,
+                            sums, spans,
                         )  # fmt: skip
                         error = mean[0] / wp.max(mean[1], wp.static(SPRAY_COMPANY) / (c.volume * c.h * c.h))
         if identity[i] >= 0:

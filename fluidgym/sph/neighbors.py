@@ -1,10 +1,9 @@
 """Who is near: a grid of cells, and the particles re-ordered by cell.
 
-Cells are as wide as the search along y and z and a quarter of that along x. The cells of one row along x are one
+Cells are as wide as the search along y and z and an eighth of that along x. The cells of one row along x are one
 contiguous range of particles, so a neighbourhood is at most three rows (nine in 3D), each cut to the x it needs.
 Particle ranges of cell k, counted over all worlds, are bounds[k] to bounds[k + 1]. The last cell of each world holds
 the retired particles; nobody looks there.
-
 
 Where pairs are met once, a particle meets what comes after it in the order: the rest of its own row, and the rows after
 that. These spans are found once a step, for all of its sweeps.
@@ -116,55 +115,45 @@ def span_numbers(dim: int) -> int:
     return 2 * len(rows_after(dim)) + 2
 
 
-def _span_lines(dim: int) -> str:
+def _find_lines(dim: int) -> str:
     """Native lines that find the spans of a particle, its own row first; they count the slack of worlds before it."""
     lines = ["const int shift = world * grid.slack, first_cell = world * grid.stride, nx = grid.count[0];"]
     lines.append("const float reach = grid.width[1];")
-    for axis, name in ((1, "y"), (2, "z")):
-        index = (
-            f"wp::clamp((int)((X[{axis}] - grid.lower[{axis}]) * grid.inv_width[{axis}]), 0, grid.count[{axis}] - 1)"
-        )
-        lines.append(f"const int {name} = {index if axis < dim else 0};")
-    for axis, name in enumerate("xyz"[:dim]):
-        if axis:
-            lines.append(f"const float below_{name} = X[{axis}] - grid.lower[{axis}] - {name} * grid.width[{axis}];")
-            lines.append(f"const float gap_{name}[3] = {{wp::max(below_{name}, 0.0f), 0.0f,")
-            lines.append(f"wp::max(grid.width[{axis}] - below_{name}, 0.0f)}};")
+    for k, name in ((1, "y"), (2, "z")):
+        cell = f"wp::clamp((int)((X[{k}] - grid.lower[{k}]) * grid.inv_width[{k}]), 0, grid.count[{k}] - 1)"
+        lines.append(f"const int {name} = {cell if k < dim else 0};")
+        if k < dim:  # how far the rows before and after the particle's own are
+            lines.append(f"const float past_{name} = X[{k}] - grid.lower[{k}] - {name} * grid.width[{k}];")
+            lines.append(f"const float gap_{name}[3] = {{wp::max(past_{name}, 0.0f), 0.0f,")
+            lines.append(f"wp::max(grid.width[{k}] - past_{name}, 0.0f)}};")
     rows = rows_after(dim)
     lines.append(f"int* __restrict__ span = spans.data + i * {span_numbers(dim)};")
     lines.append(f"span[{2 * len(rows)}] = y; span[{2 * len(rows) + 1}] = z;")
     for n, (y, z) in enumerate(rows):
-        gaps = [f"gap_{name}[{1 + d}]" for name, d in (("y", y), ("z", z)) if d]
-        there = [
-            f"{name} {'+ 1 < grid.count[' + str(k) + ']' if d > 0 else '> 0'}"
-            for k, name, d in ((1, "y", y), (2, "z", z))
-            if d
-        ]
-        lines.append("{")
-        lines.append(f"const float rest = reach * reach{''.join(f' - {gap} * {gap}' for gap in gaps)};")
-        lines.append("const float chord = sqrtf(wp::max(rest, 0.0f));")
-        lines.append("int low = (int)((X[0] - chord - grid.lower[0]) * grid.inv_width[0]);")
-        lines.append("int high = (int)((X[0] + chord - grid.lower[0]) * grid.inv_width[0]);")
-        lines.append("low = wp::clamp(low, 0, nx - 1); high = wp::clamp(high, 0, nx - 1);")
-        lines.append(f"const bool there = {' & '.join(['(rest > 0.0f)', *(f'({one})' for one in there)])};")
-        row = f"first_cell + ((z + {z}) * grid.count[1] + y + {y}) * nx"
-        lines.append(f"const int row = there ? {row} : first_cell;")
+        steps = [(k, name, step) for k, name, step in ((1, "y", y), (2, "z", z)) if step]
+        exists = [f"({name} + 1 < grid.count[{k}])" if step > 0 else f"({name} > 0)" for k, name, step in steps]
+        squares = "".join(f" - gap_{name}[{1 + step}] * gap_{name}[{1 + step}]" for _, name, step in steps)
+        lines.append(f"{{\nconst float rest = reach * reach{squares}, chord = sqrtf(wp::max(rest, 0.0f));")
+        for side, sign in (("low", "-"), ("high", "+")):
+            cell = f"(int)((X[0] {sign} chord - grid.lower[0]) * grid.inv_width[0])"
+            lines.append(f"const int {side} = wp::clamp({cell}, 0, nx - 1);")
+        lines.append(f"const bool there = {' & '.join(['(rest > 0.0f)', *exists])};")
+        lines.append(f"const int row = first_cell + (there ? ((z + {z}) * grid.count[1] + y + {y}) * nx : 0);")
         lines.append(f"const int first = {'i' if n == 0 else 'bounds.data[row + low]'} + shift;")
-        lines.append("const int end = bounds.data[row + high + 1] + shift;")
-        lines.append(f"span[{2 * n}] = first; span[{2 * n + 1}] = there ? end : first;")
+        lines.append(f"span[{2 * n}] = first; span[{2 * n + 1}] = there ? bounds.data[row + high + 1] + shift : first;")
         lines.append("}")
     return "\n".join(lines)
 
 
 @lru_cache
 def make_find_spans(dim: int) -> wp.Function:
-    """Warp function (i, X, cell, world, bounds, grid, spans) that notes where half a loop finds neighbours.
+    """Warp function (i, X, world, bounds, grid, spans) that notes where half a loop finds neighbours.
 
     Of the particle in slot i at X: in each row of `rows_after` from which record to which.
     """
     vec = wp.types.vector(dim, wp.float32)
 
-    @wp.func_native(_span_lines(dim))
+    @wp.func_native(_find_lines(dim))
     def find_spans(
         i: int,
         X: vec,

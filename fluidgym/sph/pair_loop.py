@@ -12,8 +12,9 @@ neighbours that a body hides. A leaning loop takes lean_j . x / (2 c_0^2) from t
 densities of two particles differ by where nothing is to be done about it (continuity.py).
 
 Where threads come one after another, as on a CPU, half a loop is enough: i meets those after it in the order, adds to
-its own sum and to theirs, and finds in its own what those before it have added. Mirror images are met likewise: what j
-is to an image of i, i is to that of j, turned round.
+its own sum and to theirs, and finds in its own what those before it have added. It knows where they are (neighbors.py):
+to find rows sweep by sweep keeps a processor waiting for 15 % of a step. Mirror images are met likewise: what j is to
+an image of i, i is to that of j, turned round.
 """
 
 from functools import lru_cache
@@ -36,38 +37,26 @@ const float number[{LANES}] = {{{", ".join(f"{n}.0f" for n in range(LANES))}}};
 """
 
 
-def _row_lines(dim: int, half: bool, width: int) -> str:
-    """Native lines that go through the rows: those the sphere misses are passed over, the others cut to the x it needs.
-
-    Half of a neighbourhood is what comes after i, itself included: the rest of its row, and the rows after that. Since
-    the sort particles may have moved by the skin, so its row is looked for a skin lower, and by what rounding can do.
-    """
+def _row_lines(dim: int, width: int) -> str:
+    """Native lines that go through the rows: the sphere misses some, and of the others needs a part."""
     lines = [f"const int shift = world * grid.slack, first_cell = world * grid.stride, width = {width};"]
-    axes = (("y", 1), ("z", 2))[: dim - 1]
-    for name, k in axes if half else ():
-        own = f"records.data[{place_on_cpu('i + shift', k, width)}] - (reach - c.support)"
-        cell = f"(int)(({own} - grid.lower[{k}]) * grid.inv_width[{k}] - 1e-4f)"
-        lines.append(f"const int {name}_own = wp::clamp({cell}, 0, grid.count[{k}] - 1);")
-    for name, k in reversed(axes):
+    for name, k in reversed((("y", 1), ("z", 2))[: dim - 1]):
         lines.append(f"int {name}_low = (int)((X[{k}] - reach - grid.lower[{k}]) * grid.inv_width[{k}]);")
         lines.append(f"if ({name}_low < 0) {name}_low = 0;")
         lines.append(f"int {name}_high = (int)((X[{k}] + reach - grid.lower[{k}]) * grid.inv_width[{k}]);")
         lines.append(f"if ({name}_high > grid.count[{k}] - 1) {name}_high = grid.count[{k}] - 1;")
-        if half:
-            at_first = "cz == z_own && " if (name, dim) == ("y", 3) else ""
-            lines.append(f"if ({at_first}{name}_low < {name}_own) {name}_low = {name}_own;")
         lines.append(f"for (int c{name} = {name}_low; c{name} <= {name}_high; ++c{name}) {{")
         lines.append(f"const float below_{name} = grid.lower[{k}] + c{name} * grid.width[{k}] - X[{k}];")
-        lines.append(f"const float above_{name} = -below_{name} - grid.width[{k}];")
-        lines.append(f"float gap_{name} = below_{name} > above_{name} ? below_{name} : above_{name};")
-        lines.append(f"gap_{name} = gap_{name} > 0.0f ? gap_{name} : 0.0f;")
+        lines.append(f"const float gap_{name} = {_gap(name, k)};")
     row = "(cz * grid.count[1] + cy)" if dim == 3 else "cy"
     lines.append(f"const float rest = reach * reach - gap_y * gap_y{' - gap_z * gap_z' * (dim == 3)};")
     lines.append(f"const int row = first_cell + {row} * grid.count[0];")
-    lines.append(_ROW)
-    if half:
-        lines.append("if (first < i + shift) first = i + shift;")
-    return "\n".join([*lines, _BLOCKS])
+    return "\n".join([*lines, _ROW, _BLOCKS])
+
+
+def _gap(name: str, k: int) -> str:
+    """How far X is from a row whose lower side is so far above X."""
+    return f"wp::max(wp::max(below_{name}, -below_{name} - grid.width[{k}]), 0.0f)"
 
 
 def _span_lines(dim: int, width: int, of_images: bool) -> str:
@@ -89,9 +78,7 @@ def _span_lines(dim: int, width: int, of_images: bool) -> str:
     if of_images:
         for n, name in enumerate("yz"[: dim - 1]):
             lines.append(f"const float below_{name} = own_{name} + grid.width[{n + 1}] * step_{name}[row];")
-            lines.append(
-                f"const float gap_{name} = wp::max(wp::max(below_{name}, -below_{name} - grid.width[{n + 1}]), 0.0f);"
-            )
+            lines.append(f"const float gap_{name} = {_gap(name, n + 1)};")
         gaps = " + ".join(f"gap_{name} * gap_{name}" for name in "yz"[: dim - 1])
         lines.append(f"if (({gaps} >= reach * reach) | (first >= end)) continue;")
     return "\n".join([*lines, _BLOCKS])
@@ -106,7 +93,7 @@ if (x_low < 0) x_low = 0;
 if (x_high > grid.count[0] - 1) x_high = grid.count[0] - 1;
 if (x_low > x_high) continue;
 const int end = bounds.data[row + x_high + 1] + shift;
-int first = bounds.data[row + x_low] + shift;
+const int first = bounds.data[row + x_low] + shift;
 """
 
 # What a block has besides the row is put out of reach: all that is summed vanishes beyond the support.
@@ -210,7 +197,7 @@ def _snippet(
     if half:
         lines.append(f"float* __restrict__ own = sums.data + {place_on_cpu('i + world * grid.slack', 0, SUMS)};")
         lines += [f"const float from_before{k} = own[{k} * lanes];" for k in parts]
-    lines.append(_span_lines(dim, width, of_images) if half else _row_lines(dim, half, width))
+    lines.append(_span_lines(dim, width, of_images) if half else _row_lines(dim, width))
     lines += [f"const float x{k} = X{k} - {_part(k)}, u{k} = U{k} - {_part(dim + k)};" for k in axes]
     lines.append(f"const float b = {_part(field_at)};")
     lines += look
@@ -304,11 +291,12 @@ def make_pair_loop(
         of_images: Whether the loop is about images.
 
     Returns:
-        The loop (i, X, U, a, offset, tilt, sign, world, reach, records, bounds, grid, c, sums, spans) -> sum, where i is the
-        particle's slot and sums has what those before it have added (as many records as slots, zero at first, and left
-        zero by all who read theirs), both of use in half a loop only; with a further argument where there are bodies,
-        the matrix of their middles and half sides (body, 2 dim). And a function (c) -> float that a kernel must name in
-        a branch never taken, so that Warp writes the terms ahead of the native lines that call them.
+        The loop (i, X, U, a, offset, tilt, sign, world, reach, records, bounds, grid, c, sums, spans) -> sum. Of use in
+        half a loop only are i, the particle's slot; sums, what those before it have added (as many records as slots,
+        zero at first, and left zero by all who read theirs); and spans, where it meets others (neighbors.py). With a
+        further argument where there are bodies, the matrix of their middles and half sides (body, 2 dim). And a
+        function (c) -> float that a kernel must name in a branch never taken, so that Warp writes the terms ahead of
+        the native lines that call them.
     """
     vec = wp.types.vector(dim, wp.float32)
     result = vec if force else wp.vec3

@@ -334,7 +334,8 @@ def make_heat_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
     @wp.func
     def heat_sum(
         i: int, free: bool, x: vec, a: float, world: int, reach: float, faces: Faces, bodies: Bodies,
-        records: wp.array[float], bounds: wp.array[int], grid: Grid, c: Constants, sums: wp.array[float], spans: wp.array[int],
+        records: wp.array[float], bounds: wp.array[int], grid: Grid, c: Constants, sums: wp.array[float],
+        spans: wp.array[int],
     ) -> float:  # fmt: skip
         part = wp.vec3(0.0, 0.0, 0.0)
         zero = vec()
