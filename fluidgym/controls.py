@@ -94,13 +94,15 @@ class Controls:
         self._check_limits("gravity", Limits(-strongest, strongest, "m/s2"))
         for name in ("face_velocity", "body_velocity"):
             self._check_limits(name, Limits(-fastest, fastest, "m/s"))
-        for name, pushed in zip(self._faces, self._now["face_velocity"].any(axis=0).tolist(), strict=True):
+        for name, pushed in zip(self._faces, np.asarray(self._now["face_velocity"].any(axis=0)), strict=True):
             if pushed and not self._scene.faces[name].moving:
                 raise ValueError(
                     f"Solver.face_velocity of {name!r} is not 0, but that face does not move;"
                     " make it Face(moving=True) in the scene"
                 )
-        for name, pushed in zip(self._scene.bodies, self._now["body_velocity"].any(axis=(0, 2)).tolist(), strict=True):
+        for name, pushed in zip(
+            self._scene.bodies, np.asarray(self._now["body_velocity"].any(axis=(0, 2))), strict=True
+        ):
             if pushed and not self._scene.bodies[name].moving:
                 raise ValueError(
                     f"Solver.body_velocity of {name!r} is not 0, but that body does not move;"
