@@ -319,6 +319,7 @@ class State:
             counts: Particles at the start of each world of all (world,).
             phase: Of every row of the nozzles [m].
         """
+        self.sums.zero_()  # a world that has diverged may have left there what is not a number
         chosen = self._numbers(worlds)
         for name, source in self.start.arrays().items():
             copy_worlds(chosen, chosen, self.capacity, source, getattr(self.now, name))
@@ -359,5 +360,6 @@ class State:
 
     def restore(self, saved: dict[str, np.ndarray]) -> None:
         """Put a snapshot back, as it came."""
+        self.sums.zero_()
         for name, array in self._kept().items():
             array.assign(saved[name])

@@ -212,3 +212,25 @@ def test_order_scrambled_by_racing_threads_is_settled():
     order.assign(scrambled)
     wp.launch(settle_order, 50, [51, bounds, order], device="cpu")
     np.testing.assert_array_equal(order.numpy(), settled)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_what_is_not_a_number_does_not_outlive_a_reset(dim):
+    # It may be handed to particles that have been met before, and lie in wait for whoever comes to their slots.
+    solver = scatter(dim)
+    solver.reset()
+    solver.step(4)
+    clean = solver.save()
+    solver.reset()
+    position = solver.state.now.position.numpy().copy()
+    position[:, solver.capacity + np.arange(0, solver.capacity, 7)] = np.nan
+    solver.state.now.position.assign(position)
+    solver.step(2)
+    spoiled = solver.particles(1).position
+    assert np.isnan(spoiled).any()
+    for world in (0, 2):
+        assert np.isfinite(solver.particles(world).position).all()
+    solver.reset()
+    solver.step(4)
+    for name, values in solver.save().items():
+        np.testing.assert_array_equal(values, clean[name], err_msg=name)

@@ -126,6 +126,8 @@ def _find_lines(dim: int) -> str:
             lines.append(f"const float past_{name} = X[{k}] - grid.lower[{k}] - {name} * grid.width[{k}];")
             lines.append(f"const float gap_{name}[3] = {{wp::max(past_{name}, 0.0f), 0.0f,")
             lines.append(f"wp::max(grid.width[{k}] - past_{name}, 0.0f)}};")
+    # What is nowhere, not being a number, has nobody to spoil.
+    lines.append(f"const bool somewhere = fabsf({' + '.join(f'X[{k}]' for k in range(dim))}) < 1e30f;")
     rows = rows_after(dim)
     lines.append(f"int* __restrict__ span = spans.data + i * {span_numbers(dim)};")
     lines.append(f"span[{2 * len(rows)}] = y; span[{2 * len(rows) + 1}] = z;")
@@ -137,7 +139,7 @@ def _find_lines(dim: int) -> str:
         for side, sign in (("low", "-"), ("high", "+")):
             cell = f"(int)((X[0] {sign} chord - grid.lower[0]) * grid.inv_width[0])"
             lines.append(f"const int {side} = wp::clamp({cell}, 0, nx - 1);")
-        lines.append(f"const bool there = {' & '.join(['(rest > 0.0f)', *exists])};")
+        lines.append(f"const bool there = {' & '.join(['somewhere', '(rest > 0.0f)', *exists])};")
         lines.append(f"const int row = first_cell + (there ? ((z + {z}) * grid.count[1] + y + {y}) * nx : 0);")
         lines.append(f"const int first = {'i' if n == 0 else 'bounds.data[row + low]'} + shift;")
         lines.append(f"span[{2 * n}] = first; span[{2 * n + 1}] = there ? bounds.data[row + high + 1] + shift : first;")
