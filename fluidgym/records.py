@@ -57,6 +57,15 @@ def get(field: wp.array2d[float], row: int, column: int) -> float:
     ...
 
 
+@wp.func_native(
+    "return *reinterpret_cast<const float*>(reinterpret_cast<const char*>(field.data) + row * field.strides[0]"
+    " + column * field.strides[1] + k * field.strides[2]);"
+)
+def get_of(field: wp.array3d[float], row: int, column: int, k: int) -> float:
+    """A number of an array of three axes, likewise."""
+    ...
+
+
 @wp.func_native(f"{_ROW.format('')}[column] = value;")
 def set_to(field: wp.array2d[float], row: int, column: int, value: float):
     """Write a number of an array whose rows are contiguous."""

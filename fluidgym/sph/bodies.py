@@ -23,6 +23,7 @@ from types import SimpleNamespace
 import numpy as np
 import warp as wp
 
+from fluidgym.records import get, get_of
 from fluidgym.sph.constants import Constants
 from fluidgym.sph.structure import Structure
 from fluidgym.state import Bodies, Faces
@@ -50,6 +51,8 @@ CLEAR = wp.constant(0.01)
 
 # Bodies this near to each other or to a wall, over the reach of the kernel, touch.
 TOUCH = wp.constant(1.0e-3)
+
+BITS = wp.constant(31)  # of the company of a patch
 
 NOTHING = wp.constant(1.0e30)  # distance to what is not there
 
@@ -80,7 +83,7 @@ def make_bodies(s: Structure) -> SimpleNamespace:
         """One side of a body, or of the image of a body beyond a wall, as a particle sees it."""
 
         seen: bool
-        alone: bool  # nothing else is within reach
+        company: int  # which other bodies and images are within reach: bits, shared by those BITS apart
         body: int
         image: int  # 0 is the body itself, 1 + axis its image
         axis: int  # of the side's normal
@@ -112,8 +115,8 @@ def make_bodies(s: Structure) -> SimpleNamespace:
         for b in range(wp.static(n_bodies)):
             gone = bool(False)
             for k in range(wp.static(dim)):
-                middle = bodies.position[world, b, k]
-                half = bodies.half[b, k]
+                middle = get_of(bodies.position, world, b, k)
+                half = get(bodies.half, b, k)
                 image = middle
                 if wp.static(s.has_images):
                     if turn[k] < 0.0:
@@ -144,17 +147,17 @@ def make_bodies(s: Structure) -> SimpleNamespace:
         """From the nearest place of a body to y, both from its middle; none where y is inside."""
         if (balls >> b) & 1 != 0:
             r = wp.length(y)
-            return y * (wp.max(r - bodies.half[b, 0], 0.0) / wp.max(r, 1.0e-12))
+            return y * (wp.max(r - get(bodies.half, b, 0), 0.0) / wp.max(r, 1.0e-12))
         d = vec()
         for k in range(wp.static(dim)):
-            d[k] = y[k] - wp.clamp(y[k], -bodies.half[b, k], bodies.half[b, k])
+            d[k] = y[k] - wp.clamp(y[k], -get(bodies.half, b, k), get(bodies.half, b, k))
         return d
 
     @wp.func
     def from_middle(x: vec, world: int, b: int, bodies: Bodies) -> vec:
         y = vec()
         for k in range(wp.static(dim)):
-            y[k] = x[k] - bodies.position[world, b, k]
+            y[k] = x[k] - get_of(bodies.position, world, b, k)
         return y
 
     @wp.func
@@ -180,7 +183,7 @@ def make_bodies(s: Structure) -> SimpleNamespace:
         met = Crossing()
         met.at = NOTHING
         if (balls >> b) & 1 != 0:
-            radius = bodies.half[b, 0]
+            radius = get(bodies.half, b, 0)
             ee = wp.dot(e, e)
             ye = wp.dot(y, e)
             rest = ye * ye - ee * (wp.dot(y, y) - radius * radius)
@@ -196,8 +199,8 @@ def make_bodies(s: Structure) -> SimpleNamespace:
         side = float(0.0)
         for k in range(wp.static(dim)):
             inverse = 1.0 / wp.where(wp.abs(e[k]) < 1.0e-20, 1.0e-20, e[k])
-            t_1 = (-bodies.half[b, k] - skin - y[k]) * inverse
-            t_2 = (bodies.half[b, k] + skin - y[k]) * inverse
+            t_1 = (-get(bodies.half, b, k) - skin - y[k]) * inverse
+            t_2 = (get(bodies.half, b, k) + skin - y[k]) * inverse
             if wp.min(t_1, t_2) > t_in:
                 t_in = wp.min(t_1, t_2)
                 axis = k
@@ -227,8 +230,8 @@ def make_bodies(s: Structure) -> SimpleNamespace:
         y = from_middle(x, world, b, bodies)
         if image > 0:
             k = image - 1
-            w = faces.position[world, mirror_plane(image, found, world, faces)]
-            y[k] = x[k] - 2.0 * w + bodies.position[world, b, k]
+            w = get(faces.position, world, mirror_plane(image, found, world, faces))
+            y[k] = x[k] - 2.0 * w + get_of(bodies.position, world, b, k)
         return y
 
     @wp.struct
@@ -247,21 +250,21 @@ def make_bodies(s: Structure) -> SimpleNamespace:
         it = Extent()
         it.middle = from_image(x, image, found, world, b, bodies, faces)
         for k in range(wp.static(dim)):
-            it.half[k] = bodies.half[b, k]
+            it.half[k] = get(bodies.half, b, k)
         if wp.static(images > 1):
             for k in range(wp.static(dim)):
                 if present(1 + k, found, world, faces):
                     face = mirror_plane(1 + k, found, world, faces)
                     inward = wp.where(face % 2 == 0, 1.0, -1.0)
-                    off = inward * (bodies.position[world, b, k] - faces.position[world, face])
+                    off = inward * (get_of(bodies.position, world, b, k) - get(faces.position, world, face))
                     # How far the body reaches into the box, and how far the gap to the wall is.
-                    if off + bodies.half[b, k] <= TOUCH * reach:
+                    if off + get(bodies.half, b, k) <= TOUCH * reach:
                         it.absent = True  # all of it is beyond the wall
-                    if (balls >> b) & 1 == 0 and off - bodies.half[b, k] < TOUCH * reach:
+                    if (balls >> b) & 1 == 0 and off - get(bodies.half, b, k) < TOUCH * reach:
                         if image == 1 + k:
                             it.absent = True
-                        it.middle[k] = x[k] - faces.position[world, face]
-                        it.half[k] = off + bodies.half[b, k]
+                        it.middle[k] = x[k] - get(faces.position, world, face)
+                        it.half[k] = off + get(bodies.half, b, k)
                     if (balls >> b) & 1 != 0 and off < 0.0 and image == 1 + k:
                         it.absent = True
         return it
@@ -307,10 +310,11 @@ def make_bodies(s: Structure) -> SimpleNamespace:
         return it
 
     @wp.func
-    def alone(
+    def company(
         x: vec, body: int, body_image: int, found: flags, world: int, bodies: Bodies, faces: Faces, reach: float
-    ) -> bool:
-        """Whether no other body or image is within reach."""
+    ) -> int:
+        """Which other bodies and images are within reach."""
+        bits = int(0)
         for n in range(bodies.others):
             b = n // wp.static(images)
             image = n % wp.static(images)
@@ -322,8 +326,8 @@ def make_bodies(s: Structure) -> SimpleNamespace:
                         beyond = wp.max(wp.abs(other.middle[k]) - other.half[k], 0.0)
                         gap += beyond * beyond
                     if gap < reach * reach and not other.absent:
-                        return False
-        return True
+                        bits |= 1 << (n % BITS)
+        return bits
 
     @wp.func
     def patch(n: int, x: vec, found: flags, world: int, bodies: Bodies, faces: Faces, reach: float) -> Patch:
@@ -343,7 +347,9 @@ def make_bodies(s: Structure) -> SimpleNamespace:
         if (balls >> it.body) & 1 != 0:
             it.gap = wp.length(y)
             it.low = y
-            it.seen = it.axis == 0 and it.gap > bodies.half[it.body, 0] and it.gap - bodies.half[it.body, 0] < reach
+            it.seen = (
+                it.axis == 0 and it.gap > get(bodies.half, it.body, 0) and it.gap - get(bodies.half, it.body, 0) < reach
+            )
         else:
             it.side = wp.where(y[it.axis] < 0.0, -1.0, 1.0)
             it.gap = wp.abs(y[it.axis]) - it.half[it.axis]
@@ -360,18 +366,17 @@ def make_bodies(s: Structure) -> SimpleNamespace:
             m = (it.axis + 1) % wp.static(dim)
             it.first = wp.atan2(it.low[m], it.gap)
             it.width = wp.atan2(it.high[m], it.gap) - it.first
-        it.alone = True
         if wp.static(n_bodies * images > 1):
             if it.seen:
-                it.alone = alone(x, it.body, it.image, found, world, bodies, faces, reach)
+                it.company = company(x, it.body, it.image, found, world, bodies, faces, reach)
         for k in range(wp.static(dim)):
-            it.velocity[k] = bodies.velocity[world, it.body, k]
-            it.acceleration[k] = bodies.acceleration[world, it.body, k]
+            it.velocity[k] = get_of(bodies.velocity, world, it.body, k)
+            it.acceleration[k] = get_of(bodies.acceleration, world, it.body, k)
         if it.image > 0:
             k = it.image - 1
             face = mirror_plane(it.image, found, world, faces)
-            it.velocity[k] = 2.0 * faces.velocity[world, face] - it.velocity[k]
-            it.acceleration[k] = 2.0 * faces.acceleration[world, face] - it.acceleration[k]
+            it.velocity[k] = 2.0 * get(faces.velocity, world, face) - it.velocity[k]
+            it.acceleration[k] = 2.0 * get(faces.acceleration, world, face) - it.acceleration[k]
         return it
 
     @wp.func
@@ -441,18 +446,19 @@ def make_bodies(s: Structure) -> SimpleNamespace:
         """The n-th ray to a patch."""
         it = Ray()
         if (balls >> p.body) & 1 != 0:
-            it = ray_to_ball(n, p, bodies.half[p.body, 0])
+            it = ray_to_ball(n, p, get(bodies.half, p.body, 0))
         else:
             it = ray_to_box(n, p, reach)
         if it.distance < reach:
             own = passage(p.body, p.middle, p.half, it.direction, reach)
             it.end = wp.where(own.begins < NOTHING, own.ends, it.distance)
-            if not p.alone:
+            if p.company != 0:
                 # Twice, so that a ray may go through two more bodies that touch.
                 for again in range(2 * bodies.others):
-                    b = (again // wp.static(images)) % wp.static(n_bodies)
-                    image = again % wp.static(images)
-                    if b != p.body or image != p.image:
+                    number = again % bodies.others
+                    b = number // wp.static(images)
+                    image = number % wp.static(images)
+                    if (p.company >> (number % BITS)) & 1 != 0 and (b != p.body or image != p.image):
                         if present(image, found, world, faces):
                             other = extent(x, image, found, world, b, bodies, faces, reach)
                             if not other.absent:
