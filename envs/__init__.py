@@ -14,7 +14,16 @@ if TYPE_CHECKING:
 __all__ = ["TASKS", "FluidEnv", "FluidVectorEnv", "Task", "make_task"]
 
 # Where the class of each task is. It is loaded when it is first used, as the simulator comes with it.
-TASKS = {"DamBreakContain": "fluidgym.envs.tasks.dam_break_contain:DamBreakContain"}
+TASKS = {
+    "DamBreakContain": "fluidgym.envs.tasks.dam_break_contain:DamBreakContain",
+    "DamBreakGate": "fluidgym.envs.tasks.dam_break_contain:DamBreakGate",
+    "CarryTank": "fluidgym.envs.tasks.carry_tank:CarryTank",
+    "SloshDamp": "fluidgym.envs.tasks.slosh_damp:SloshDamp",
+    "SpreadEven": "fluidgym.envs.tasks.spread_even:SpreadEven",
+    "JetFill": "fluidgym.envs.tasks.jet_fill:JetFill",
+    "LevelHold": "fluidgym.envs.tasks.level_hold:LevelHold",
+    "WaveAbsorb": "fluidgym.envs.tasks.wave_absorb:WaveAbsorb",
+}
 
 _HOMES = {
     "FluidEnv": "fluidgym.envs.fluid_env",
@@ -40,7 +49,7 @@ def make_task(name: str, **options: Any) -> "Task":
         ValueError: There is no such task or option, or an option is out of its limits.
     """
     if name not in TASKS:
-        raise ValueError(f"task = {name!r} is unknown; use {' or '.join(map(repr, TASKS))}")
+        raise ValueError(f"task = {name!r} is unknown; use {', '.join(map(repr, TASKS))}")
     module, _, attribute = TASKS[name].partition(":")
     task_class = getattr(import_module(module), attribute)
     task_class.check_options(options)

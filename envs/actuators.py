@@ -12,8 +12,8 @@ Command = Literal["velocity", "acceleration"]
 
 
 @dataclass(frozen=True)
-class DrivenWall:
-    """A wall that follows commands at a limited speed and acceleration and never runs into the end of its travel.
+class Drive:
+    """Something that follows commands at a limited speed and acceleration and never runs into the end of its travel.
 
     Attributes:
         travel: Lowest and highest position [m].
@@ -21,6 +21,7 @@ class DrivenWall:
         max_acceleration: [m/s2].
         command: What a command in -1 to 1 is a share of: "velocity" of max_speed, "acceleration" of max_acceleration.
         interval: Time between commands [s].
+        name: What it is, as options have it.
 
     Raises:
         ValueError: A field is out of its limits.
@@ -31,13 +32,14 @@ class DrivenWall:
     max_acceleration: float
     command: Command | str
     interval: float
+    name: str = "wall"
 
     def __post_init__(self) -> None:
         if self.command not in get_args(Command):
             raise ValueError(f"command = {self.command!r} is unknown; use {' or '.join(map(repr, get_args(Command)))}")
         for name, value, unit in (
-            ("max_wall_speed", self.max_speed, "m/s"),
-            ("max_wall_acceleration", self.max_acceleration, "m/s2"),
+            (f"max_{self.name}_speed", self.max_speed, "m/s"),
+            (f"max_{self.name}_acceleration", self.max_acceleration, "m/s2"),
         ):
             if not (isinstance(value, int | float | np.number) and math.isfinite(value) and value > 0.0):
                 raise ValueError(f"{name} = {value!r} {unit} must be finite and above 0; give a positive number")
@@ -45,7 +47,7 @@ class DrivenWall:
     def next_velocity(self, command: np.ndarray, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """The velocity at the end of the next interval, reached at constant acceleration.
 
-        The wall keeps enough room to stop: with D left to the end of its travel it holds
+        It keeps enough room to stop: with D left to the end of its travel it holds
         D >= v^2 / (2 a) + v T / 2. From there braking at a for an interval T gives the same again, so the law can
         always be kept; the last bit is approached ever more slowly.
 
@@ -65,7 +67,7 @@ class DrivenWall:
         return wanted.clip(-downward, upward)
 
     def _fastest_stop(self, room: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        """Largest velocity towards the end of the travel that still lets the wall stop in the room [m] left."""
+        """Largest velocity towards the end of the travel that still lets it stop in the room [m] left."""
         change = self.max_acceleration * self.interval
         left = np.maximum(room - 0.5 * self.interval * velocity, 0.0)
         return np.sqrt(change * change + 2.0 * self.max_acceleration * left) - change

@@ -33,6 +33,37 @@ def spread(distance: np.ndarray, width: float) -> np.ndarray:
     return (2.0 * distance / width).clip(0.0, 1.0)
 
 
+def spill(lost: np.ndarray) -> np.ndarray:
+    """How much of the fluid is lost: 0 nothing, 1 a tenth of it or more.
+
+    Args:
+        lost: Share of the fluid that is gone, (world,).
+    """
+    return (10.0 * lost).clip(0.0, 1.0)
+
+
+def unrest(kinetic: np.ndarray, speed: float) -> np.ndarray:
+    """How fast the fluid moves: 0 at rest, 1 at half of a speed or more.
+
+    Args:
+        kinetic: Mean of u^2 / 2 over the fluid [m2/s2], (world,).
+        speed: [m/s].
+    """
+    return (2.0 * np.sqrt(2.0 * kinetic) / speed).clip(0.0, 1.0)
+
+
+def evenness(depths: np.ndarray) -> np.ndarray:
+    """How evenly the fluid covers the floor: 1 equally deep everywhere, 0 all of it in one column.
+
+    Args:
+        depths: Of the fluid in columns of equal width [m], (world, column).
+    """
+    n = depths.shape[1]
+    mean = np.maximum(depths.mean(axis=1), 1e-12)
+    off = np.abs(depths - mean[:, None]).mean(axis=1)
+    return (1.0 - off / (2.0 * mean * (1.0 - 1.0 / n))).clip(0.0, 1.0)
+
+
 def effort(speed: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
     """How hard an actuator works: 0 at rest, 1 at its largest speed and acceleration at once; (world,).
 

@@ -84,7 +84,7 @@ class Runner:
         for world in chosen:
             seed = seeds[world]
             keys[world] = (self._seeds[world], self._episodes[world] + 1) if seed is None else (int(seed), 0)
-        starts = [self.task.start(np.random.default_rng(keys[world])) for world in chosen]
+        starts = [self.task.start(world, np.random.default_rng(keys[world])) for world in chosen]
         for world, (seed, episode) in keys.items():
             self._seeds[world], self._episodes[world] = seed, episode
         self.solver.set_start(chosen, starts)

@@ -109,8 +109,8 @@ class Task(ABC):
         self.solver = solver
 
     @abstractmethod
-    def start(self, rng: np.random.Generator) -> Particles:
-        """The fluid of one world at the start of an episode; all that differs between episodes comes from rng."""
+    def start(self, world: int, rng: np.random.Generator) -> Particles:
+        """The fluid of a world at the start of an episode; all that differs between episodes comes from rng."""
 
     @abstractmethod
     def begin(self, worlds: np.ndarray) -> None:
@@ -139,6 +139,14 @@ class Task(ABC):
     @abstractmethod
     def info(self) -> dict[str, np.ndarray]:
         """What else there is to know, arrays (world,)."""
+
+    @abstractmethod
+    def scripted(self) -> np.ndarray:
+        """Actions (world, action) of a simple controller that was made by hand, from what was measured last."""
+
+    def null(self) -> np.ndarray:
+        """Actions (world, action) that do nothing."""
+        return np.zeros((self.solver.num_worlds, *self.action_space.shape))
 
     def annotate(self, world: int) -> dict[str, Any]:
         """What a drawing of a world shows beside the fluid: title, text, zone; see render.draw_frame."""

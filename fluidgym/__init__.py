@@ -58,10 +58,23 @@ def __getattr__(name: str) -> Any:
     return getattr(import_module(_HOMES.get(name, "fluidgym.scene")), name)
 
 
-for _dim in (2, 3):
-    register(
-        id=f"fluidgym/DamBreakContain{_dim}D-v0",
-        entry_point="fluidgym.envs.fluid_env:FluidEnv",
-        vector_entry_point="fluidgym.envs.fluid_vector_env:FluidVectorEnv",
-        kwargs={"task": "DamBreakContain", "dim": _dim},
-    )
+# A task's name and the dimensions that it comes in; the classes are in fluidgym.envs.TASKS.
+_TASKS = {
+    "DamBreakContain": (2, 3),
+    "DamBreakGate": (2, 3),
+    "CarryTank": (2, 3),
+    "SloshDamp": (2,),
+    "SpreadEven": (2,),
+    "JetFill": (2,),
+    "LevelHold": (2,),
+    "WaveAbsorb": (2,),
+}
+
+for _task, _dims in _TASKS.items():
+    for _dim in _dims:
+        register(
+            id=f"fluidgym/{_task}{_dim}D-v0",
+            entry_point="fluidgym.envs.fluid_env:FluidEnv",
+            vector_entry_point="fluidgym.envs.fluid_vector_env:FluidVectorEnv",
+            kwargs={"task": _task, "dim": _dim},
+        )

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Mapping
 from functools import lru_cache, partial
 from typing import Any, ClassVar
 
 import numpy as np
-from gymnasium import spaces
 
-from fluidgym.envs import observations, rewards
-from fluidgym.envs.actuators import DrivenWall
-from fluidgym.envs.task import Gate, Task
-from fluidgym.scene import Box, Face, Fluid, Particles, Scene
-from fluidgym.scheme import Scheme
+from fluidgym.envs import rewards
+from fluidgym.envs.actuators import Drive
+from fluidgym.envs.fluid_task import GRAVITY, FluidTask, Level, check_range
+from fluidgym.envs.task import Gate
+from fluidgym.scene import Body, Box, Face, Fluid, Particles, Scene
 from fluidgym.solver import Solver
-from fluidgym.sph.measure import Measure
 
 # The tank is that of the dam break everybody measures: a column twice as wide as high in a tank 5.366 heights long.
 WALL = "x_max"
@@ -29,16 +26,13 @@ TRAVEL = (2.6 * HEIGHT, LENGTH)  # of the wall [m]
 ZONE_WIDTH = 3.0 * HEIGHT  # [m]
 ZONE_HEIGHT = 0.8 * HEIGHT  # [m]
 SPLASH_HEIGHT = 1.2 * HEIGHT  # [m]
-GRID = {2: (10, 20), 3: (6, 3, 12)}
-WEIGHTS = {"effort": 0.05, "splash": 0.2, "spread": 0.1}
-GRAVITY = 9.81  # [m/s2]
+VARIATION = 0.2  # most that a column's width and height differ, as a share
+GATE_OPEN = 0.5 * HEIGHT  # how high a gate is over the floor at the start [m]
+GATE_THICK = 0.05  # [m]
 COLUMNS_KEPT = 48  # sampled columns that a task keeps: all there are at the default resolution and variation
 
-# Past this a world has blown up, though its numbers may still be finite: impacts reach 0.1 to 0.2.
-LARGEST_DENSITY_ERROR = 0.5
 
-
-class DamBreakContain(Task):
+class DamBreakContain(FluidTask):
     """A column of water collapses; the right wall moves to keep it in a target zone at the left.
 
     Action (1,): velocity or acceleration of the wall as a share of the largest, positive to the right. The wall is
@@ -53,7 +47,8 @@ class DamBreakContain(Task):
     its width; effort that of the wall. A world that has diverged gets the lowest reward and is terminated.
 
     An episode is truncated after `episode` seconds, whatever the control interval. Each has a column of its own, wider
-    or narrower and higher or lower by up to `variation`, its particles shifted by up to `jitter` of their spacing.
+    or narrower and higher or lower by up to `variation` of a fifth, its particles shifted by up to `jitter` of their
+    spacing.
 
     The resolution counts particles over the height H of the column, and so do the dam breaks of the validation suite
     that stand for the task. They have its column, 2 H wide and in 3D H/2 deep, in a tank of its length; in 3D theirs is
@@ -66,88 +61,72 @@ class DamBreakContain(Task):
     }
     gates: ClassVar = {2: Gate("dam-break"), 3: Gate("dam-break-3d")}
 
+    title = "DamBreakContain"
+    boxes: ClassVar = BOX
+    counted = ("the column's height", HEIGHT)
+    grids: ClassVar = {2: (10, 20), 3: (6, 3, 12)}
+    levels: ClassVar = {
+        "easy": Level("fast", variation=0.25, resolution={2: 10}),
+        "medium": Level(),
+        "hard": Level(variation=1.0, disturbance=0.05, viscosity=1e-3, resolution={2: 24, 3: 12}),
+    }
+    gain = "containment"
+    costs: ClassVar = {"effort": 0.05, "splash": 0.2, "spread": 0.1}
+    numbers: ClassVar = [(0.0, 1.0), (-1.0, 1.0)]
+
     def __init__(
         self,
-        dim: int = 2,
-        resolution: int | None = None,
         command: str = "velocity",
-        obs: str = "flat",
-        grid: Sequence[int] | None = None,
-        control_interval: float = 0.05,
-        episode: float = 4.0,
         max_wall_speed: float = 1.5,
         max_wall_acceleration: float = 8.0,
-        variation: float = 0.1,
-        jitter: float = 0.05,
         depth: float | None = None,
-        weights: Mapping[str, float] | None = None,
-        scheme: Scheme | None = None,
-        fidelity: str | None = None,
+        **common: Any,
     ):
         """Pose the task.
 
         Args:
-            dim: 2 or 3.
-            resolution: Particles over the height of the column; None is that of the fidelity: 12, 16 or 32 in 2D, 8, 10
-                or 16 in 3D.
             command: "velocity" or "acceleration".
-            obs: "flat" is one vector, "grid" (channel, ny, nx) or (channel, nz, ny, nx).
-            grid: Cells of the coarse grid, (ny, nx) or (nz, ny, nx); None is (10, 20) or (6, 3, 12).
-            control_interval: Time between actions [s].
-            episode: How long an episode is [s]; rounded up to whole control intervals.
             max_wall_speed: [m/s].
             max_wall_acceleration: [m/s2].
-            variation: Largest change of the column's width and height from episode to episode, as a share.
-            jitter: Largest shift of each start position, as a share of the particle spacing.
             depth: Only in 3D: the share of the tank's depth that the column takes; 1 makes the 2D flow of a slice, None
                 is 0.5.
-            weights: Of effort, splash and spread in the reward; those not named keep their default.
-            scheme: How the fluid is simulated; None is as the fidelity has it.
-            fidelity: "fast", "balanced" or "accurate", a trade-off between run time and error: the scheme, and the
-                resolution unless that is given; None is "balanced". Not together with a scheme.
+            common: As every task has them; see `FluidTask`.
 
         Raises:
             ValueError: An argument is out of its limits.
         """
-        if dim not in tuple(BOX):
-            raise ValueError(f"dim = {dim!r} is unknown; use 2 or 3")
-        usual = self.choose_fidelity(dim, fidelity, scheme)
-        resolution = usual if resolution is None else resolution
-        _check_range("resolution", resolution, 8, 512, f"{usual}", "particles over the column's height")
-        if resolution != int(resolution):
-            raise ValueError(f"resolution = {resolution} must be a whole number; use {round(resolution)}")
-        _check_range("control_interval", control_interval, 0.005, 0.5, "0.05", "s")
-        _check_range("episode", episode, 0.005, 3600.0, "4", "s")
-        _check_range("variation", variation, 0.0, 0.2, "0.1")
-        _check_range("jitter", jitter, 0.0, 0.25, "0.05")
-        if depth is not None and dim == 2:
+        super().__init__(**common)
+        if depth is not None and self.dim == 2:
             raise ValueError(f"depth = {depth!r} is for 3D only; leave it out in 2D")
-        depth = 0.5 if depth is None else depth
-        _check_range("depth", depth, 0.1, 1.0, "0.5")
-        observations.check_kind(obs)
-        self.dim, self.resolution, self.obs = dim, int(resolution), obs
-        self.control_interval, self.episode = control_interval, episode
-        self.max_episode_steps = max(1, math.ceil(episode / control_interval - 1e-9))
-        self.wall = DrivenWall(TRAVEL, max_wall_speed, max_wall_acceleration, command, control_interval)
-        self.grid = observations.check_grid(GRID[dim] if grid is None else grid, dim)
-        self.weights = _all_weights(weights)
-        self.variation, self.jitter, self.depth = variation, jitter, depth
-        self.spacing = HEIGHT / resolution
-        self._column = lru_cache(COLUMNS_KEPT)(partial(_column, dim, self.spacing))
+        self.depth = check_range("depth", 0.5 if depth is None else depth, 0.1, 1.0, "0.5")
+        self.wall = self.driven(max_wall_speed, max_wall_acceleration, command)
+        self._column = lru_cache(COLUMNS_KEPT)(partial(_column, self.dim, self.spacing))
         self.reference_speed = 2.0 * math.sqrt(GRAVITY * HEIGHT)
-        self.zone = ((0.0,) * dim, (ZONE_WIDTH, *BOX[dim][1:-1], ZONE_HEIGHT))
-        self.scene = _scene(dim, self.spacing, self._columns(1.0 + variation))
-        self.action_space = spaces.Box(-1.0, 1.0, (1,), np.float32)
-        self.observation_space = observations.space(obs, self.grid, [(0.0, 1.0), (-1.0, 1.0), (0.0, 1.0)])
+        self.scene = self.whole_scene(self._columns(1.0 + VARIATION * self.variation))
+
+    def driven(self, speed: float, acceleration: float, command: str) -> Drive:
+        """What an action drives: the right wall."""
+        return Drive(TRAVEL, speed, acceleration, command, self.control_interval)
+
+    def whole_scene(self, column: tuple[int, ...]) -> Scene:
+        """The tank with a column of so many particles along each axis, and what is driven."""
+        faces = {WALL: Face(moving=True, travel=TRAVEL)}
+        return _scene(self.dim, self.spacing, column, faces=faces, material=self.material())
+
+    def zone(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """The lower left part of the tank."""
+        return (0.0,) * self.dim, (ZONE_WIDTH, *BOX[self.dim][1:-1], ZONE_HEIGHT)
+
+    def splash_height(self) -> float:
+        """Twice that of the column at rest."""
+        return SPLASH_HEIGHT
 
     # -- a start -------------------------------------------------------------------------------------------------
 
-    def start(self, rng: np.random.Generator) -> Particles:
-        """A column of a size of its own, on the lattice, with its particles a little out of place."""
-        width, height = 1.0 + self.variation * rng.uniform(-1.0, 1.0, 2)
-        column = self._column(self._columns(width, height))
-        shift = self.jitter * self.spacing * rng.uniform(-1.0, 1.0, column.position.shape)
-        return replace(column, position=column.position + shift)
+    def sample(self, world: int, rng: np.random.Generator) -> Particles:
+        """A column of a size of its own."""
+        width, height = 1.0 + VARIATION * self.variation * rng.uniform(-1.0, 1.0, 2)
+        return self._column(self._columns(width, height))
 
     def _columns(self, width: float, height: float | None = None) -> tuple[int, ...]:
         """Particles along each axis of a column that is so many times as wide and as high as the nominal one."""
@@ -158,108 +137,137 @@ class DamBreakContain(Task):
         return wide, max(1, round(self.depth * BOX[3][1] / self.spacing)), high
 
     def attach(self, solver: Solver) -> None:
-        """Take the worlds, and lay out the coarse grid and the marks."""
+        """Take the worlds."""
         super().attach(solver)
-        scene, worlds = self.scene, solver.num_worlds
-        self._deposit = observations.deposit(solver, self.grid, self.reference_speed)
-        self._measure = Measure(
-            scene.lower,
-            scene.upper,
-            self.zone,
-            SPLASH_HEIGHT,
-            scene.particle_spacing,
-            worlds,
-            solver.capacity,
-            solver.device,
-        )
-        self._face = solver.face_index(WALL)
-        self._steps = np.zeros(worlds, int)
-        self._effort = np.zeros(worlds)
-        self._mass = np.zeros(worlds, int)
-        self._clamped_before = np.zeros(worlds, int)
+        self._effort = np.zeros(solver.num_worlds)
 
     def begin(self, worlds: np.ndarray) -> None:
         """Forget the last episode of some worlds."""
-        self.measure()
-        self._clamped[:] = 0  # a start is not a step
-        self._steps[worlds] = 0
         self._effort[worlds] = 0.0
-        self._mass[worlds] = self._fluid["live"][worlds]
+        super().begin(worlds)
 
     # -- a step --------------------------------------------------------------------------------------------------
 
-    def apply_action(self, actions: np.ndarray) -> None:
+    def drive(self, actions: np.ndarray) -> None:
         """Move the wall as far as its limits let it."""
-        wall, before = self.wall, self._velocity
-        velocity = wall.next_velocity(actions[:, 0], self._position, before)
-        self.solver.face_velocity[:, self._face] = velocity
+        wall, before = self.wall, self.velocity
+        velocity = wall.next_velocity(actions[:, 0], self.position, before)
+        self.push(velocity)
+        self.solver.gravity[:, 0] = 0.0
         speed = velocity / wall.max_speed
         acceleration = (velocity - before) / (wall.max_acceleration * wall.interval)
         self._effort = rewards.effort(speed, acceleration)
-        self._steps += 1
+
+    def push(self, velocity: np.ndarray) -> None:
+        """Give what is driven its velocities [m/s], (world,)."""
+        self.solver.face_velocity[:, self.solver.face_index(WALL)] = velocity
 
     def measure(self) -> None:
         """Look at the fluid and at the wall."""
-        now, faces = self.solver.state.now, self.solver.state.faces
-        self._fluid = self._measure.run(now.position, now.velocity, now.density_error, now.identity)
-        self._position = faces.position.numpy()[:, self._face].astype(float)
-        self._velocity = faces.velocity.numpy()[:, self._face].astype(float)
-        clamped = self.solver.state.clamped.numpy().astype(int)
-        self._clamped, self._clamped_before = clamped - self._clamped_before, clamped
+        super().measure()
+        self.position, self.velocity = self.look()
 
-    def observe(self) -> np.ndarray:
-        """The coarse grid, the wall and the time."""
-        now, (low, high) = self.solver.state.now, TRAVEL
-        grid = self._deposit.run(now.position, now.velocity, now.identity)
-        position = ((self._position - low) / (high - low)).clip(0.0, 1.0)
-        velocity = (self._velocity / self.wall.max_speed).clip(-1.0, 1.0)
-        time = (self._time() / self.episode).clip(0.0, 1.0)
-        return observations.assemble(self.obs, grid, np.stack([position, velocity, time], axis=1))
+    def look(self) -> tuple[np.ndarray, np.ndarray]:
+        """Position [m] and velocity [m/s] of what is driven, each (world,)."""
+        return self.face_motion(self.solver.face_index(WALL))
 
-    def reward(self) -> np.ndarray:
-        """Containment less effort, splash and spread."""
-        parts = self._parts()
-        reward = rewards.total(parts.pop("containment"), parts, self.weights)
-        return np.where(self.terminated(), rewards.lowest(self.weights), reward)
+    def state(self) -> list[np.ndarray]:
+        """The wall."""
+        low, high = self.wall.travel
+        return [(self.position - low) / (high - low), self.velocity / self.wall.max_speed]
 
-    def terminated(self) -> np.ndarray:
-        """Worlds that have diverged: numbers that are not finite or not credible, or fluid that is gone."""
-        fluid = self._fluid
-        lost = fluid["live"] < self._mass
-        return (fluid["broken"] > 0) | lost | (fluid["density_error"] > LARGEST_DENSITY_ERROR)
+    def diverged(self) -> np.ndarray:
+        """Worlds that have blown up, or lost fluid."""
+        return super().diverged() | (self.gone() > 0)
 
-    def info(self) -> dict[str, np.ndarray]:
-        """The parts of the reward, time [s], wall [m, m/s], mass [kg], divergence, penetrations put right."""
-        return self._parts() | {
-            "time": self._time(),
-            "wall_position": self._position.copy(),
-            "wall_velocity": self._velocity.copy(),
-            "mass": self._fluid["live"] * self.scene.particle_mass,
-            "diverged": self.terminated(),
-            "clamped": self._clamped.copy(),
-        }
-
-    def annotate(self, world: int) -> dict[str, Any]:
-        """The zone, the time, and how well it goes."""
-        parts = {name: values[world] for name, values in self._parts().items()}
-        return {
-            "title": f"DamBreakContain{self.dim}D",
-            "text": ", ".join(f"{name} {value:.2f}" for name, value in parts.items()),
-            "time": float(self._time()[world]),
-            "zone": self.zone,
-        }
-
-    def _time(self) -> np.ndarray:
-        return self._steps * self.control_interval
-
-    def _parts(self) -> dict[str, np.ndarray]:
-        fluid, width = self._fluid, self.scene.upper[0] - self.scene.lower[0]
+    def parts(self) -> dict[str, np.ndarray]:
+        """Containment, effort, splash and spread."""
+        fluid, width = self.fluid, self.scene.upper[0] - self.scene.lower[0]
         return {
             "containment": rewards.containment(fluid["in_zone"]),
             "effort": self._effort.copy(),
             "splash": rewards.splash(fluid["above"]),
             "spread": rewards.spread(fluid["spread"], width),
         }
+
+    def info(self) -> dict[str, np.ndarray]:
+        """What every task tells, and the wall [m, m/s]."""
+        return super().info() | {"wall_position": self.position.copy(), "wall_velocity": self.velocity.copy()}
+
+    def scripted(self) -> np.ndarray:
+        """Close in and hold."""
+        return close_in({"wall_position": self.position})
+
+
+class DamBreakGate(DamBreakContain):
+    """A column of water collapses; a gate over the edge of the target zone comes down to keep it there.
+
+    Action (1,): velocity or acceleration of the gate as a share of the largest, positive upwards.
+
+    Observation: as in DamBreakContain, with the height of the gate (0 to 1 over its travel) and its velocity.
+
+    Reward: as in DamBreakContain. What has passed before the gate is down stays out, unless the gate is lifted when it
+    comes back from the far wall.
+    """
+
+    title = "DamBreakGate"
+
+    def __init__(
+        self,
+        command: str = "velocity",
+        max_gate_speed: float = 2.0,
+        max_gate_acceleration: float = 20.0,
+        depth: float | None = None,
+        **common: Any,
+    ):
+        """Pose the task.
+
+        Args:
+            command: "velocity" or "acceleration".
+            max_gate_speed: [m/s].
+            max_gate_acceleration: [m/s2].
+            depth: As in DamBreakContain.
+            common: As every task has them; see `FluidTask`.
+
+        Raises:
+            ValueError: An argument is out of its limits.
+        """
+        super().__init__(command, max_gate_speed, max_gate_acceleration, depth, **common)
+
+    def driven(self, speed: float, acceleration: float, command: str) -> Drive:
+        """What an action drives: the gate."""
+        return Drive((0.0, GATE_OPEN), speed, acceleration, command, self.control_interval, "gate")
+
+    def whole_scene(self, column: tuple[int, ...]) -> Scene:
+        """The tank with the gate above the floor."""
+        dim, size = self.dim, BOX[self.dim]
+        low = (ZONE_WIDTH, *[0.0] * (dim - 2), GATE_OPEN)
+        high = (ZONE_WIDTH + GATE_THICK, *size[1:-1], GATE_OPEN + size[-1])
+        travel = (*[0.0] * (dim - 1), -GATE_OPEN), (0.0,) * dim
+        gate = Body(Box(low, high), moving=True, travel=travel)
+        return _scene(dim, self.spacing, column, bodies={"gate": gate}, material=self.material())
+
+    def push(self, velocity: np.ndarray) -> None:
+        """Give the gates their velocities."""
+        self.solver.body_velocity[:, 0, -1] = velocity
+
+    def look(self) -> tuple[np.ndarray, np.ndarray]:
+        """Height of the gates' lower edges over the floor [m] and their velocities [m/s]."""
+        bodies, middle = self.solver.state.bodies, 0.5 * BOX[self.dim][-1]
+        height = bodies.position.numpy()[:, 0, -1].astype(float) - middle
+        return height, bodies.velocity.numpy()[:, 0, -1].astype(float)
+
+    def info(self) -> dict[str, np.ndarray]:
+        """What every task tells, and the gate [m, m/s]."""
+        told = super().info()
+        return told | {"gate_height": told.pop("wall_position"), "gate_velocity": told.pop("wall_velocity")}
+
+    def scripted(self) -> np.ndarray:
+        """Shut the gate at once, and lift it a little while what has passed comes back."""
+        back = self.fluid["velocity"][:, 0] < -0.05
+        late = self.time() > 1.0
+        wanted = np.where(back & late & (self.fluid["in_zone"] < 0.95), 0.2 * GATE_OPEN, 0.0)
+        return ((wanted - self.position) / (self.wall.interval * self.wall.max_speed)).clip(-1.0, 1.0)[:, None]
 
 
 def close_in(info: Mapping[str, Any], target: float = ZONE_WIDTH, gain: float = 4.0) -> np.ndarray:
@@ -282,33 +290,14 @@ def _column(dim: int, spacing: float, particles: tuple[int, ...]) -> Particles:
     return _scene(dim, spacing, particles).sample()
 
 
-def _scene(dim: int, spacing: float, particles: tuple[int, ...]) -> Scene:
-    """The box with a column of so many particles along each axis."""
+def _scene(dim: int, spacing: float, particles: tuple[int, ...], **more: Any) -> Scene:
+    """The box with a column of so many particles along each axis, and whatever else."""
     corner = tuple(count * spacing for count in particles)
     return Scene(
         lower=(0.0,) * dim,
         upper=BOX[dim],
         particle_spacing=spacing,
         fluid=[Fluid(Box((0.0,) * dim, corner), pressure="released")],
-        faces={WALL: Face(moving=True, travel=TRAVEL)},
         gravity=GRAVITY,
+        **more,
     )
-
-
-def _all_weights(given: Mapping[str, float] | None) -> dict[str, float]:
-    """The weights of the costs, those not given at their default."""
-    weights = dict(WEIGHTS)
-    if given is not None and not isinstance(given, Mapping):
-        raise ValueError(f"weights = {given!r} is not a mapping; give one, such as {WEIGHTS}")
-    for name, value in (given or {}).items():
-        if name not in weights:
-            raise ValueError(f"weights has no {name!r}; use {', '.join(weights)}")
-        _check_range(f"weights[{name!r}]", value, 0.0, 10.0, f"{weights[name]:g}")
-        weights[name] = float(value)
-    return weights
-
-
-def _check_range(name: str, value: float, low: float, high: float, advice: str, unit: str = "") -> None:
-    """Refuse a number outside its range."""
-    if not (isinstance(value, int | float | np.number) and low <= value <= high):
-        raise ValueError(f"{name} = {value!r} {unit}".rstrip() + f" is outside {low:g} to {high:g}; use {advice}")

@@ -14,7 +14,7 @@ from fluidgym.sph.neighbors import three
 
 CHUNK = 32  # slots that one thread adds up
 
-Sums = wp.types.vector(7, wp.float32)
+Sums = wp.types.vector(13, wp.float32)
 LIVE = wp.constant(0)  # particles in the box
 IN_ZONE = wp.constant(1)  # of these in the zone
 ABOVE = wp.constant(2)  # of these above the height
@@ -22,13 +22,16 @@ PLACE = wp.constant(3)  # sum of places along x from the middle of the box [m]
 SPREAD = wp.constant(4)  # sum of their squares [m2]
 BROKEN = wp.constant(5)  # particles with a number that is not finite
 DENSITY_ERROR = wp.constant(6)  # largest |s|; all the others are sums
+KINETIC = wp.constant(7)  # sum of u^2 / 2 [m2/s2]
+VELOCITY = wp.constant(8)  # first of the sums of the velocities, one for each axis [m/s]
+HEIGHT = wp.constant(11)  # first of the sums of the places along the other axes from the middle of the box [m]
 
 
 @wp.struct
 class Marks:
     """What the fluid of a world is held against."""
 
-    middle: float  # of the box along x [m]
+    middle: wp.vec3  # of the box [m]
     zone_lower: wp.vec3  # [m]
     zone_upper: wp.vec3  # [m]
     height: float  # [m]
@@ -75,7 +78,13 @@ def make_measure(dim: int) -> wp.Kernel:
                 top = position[wp.static(dim - 1), i]
                 one[IN_ZONE] = inside
                 one[ABOVE] = wp.clamp((top - marks.height) * marks.inv_spacing + 0.5, 0.0, 1.0)
-                one[PLACE] = position[0, i] - marks.middle
+                one[PLACE] = position[0, i] - marks.middle[0]
+                for k in range(wp.static(dim)):
+                    u = velocity[k, i]
+                    one[VELOCITY + k] = u
+                    one[KINETIC] += 0.5 * u * u
+                    if wp.static(k > 0):
+                        one[HEIGHT + k - 1] = position[k, i] - marks.middle[k]
                 one[SPREAD] = one[PLACE] * one[PLACE]
                 one[DENSITY_ERROR] = wp.abs(density_error[i])
                 if not wp.isfinite(total):
@@ -128,11 +137,12 @@ class Measure:
         zone_low, zone_high = np.asarray(zone[0], float), np.asarray(zone[1], float)
         far = 1.0e6 * (high - low).max()
         marks = Marks()
-        marks.middle = 0.5 * (low[0] + high[0])
+        marks.middle = wp.vec3(*three(0.5 * (low + high), 0.0))
         marks.zone_lower = wp.vec3(*three(np.where(zone_low <= low, -far, zone_low), 0.0))
         marks.zone_upper = wp.vec3(*three(np.where(zone_high >= high, far, zone_high), 0.0))
         marks.height, marks.inv_spacing = height, 1.0 / spacing
         self._marks, self._capacity, self._device = marks, capacity, device
+        self._middle = 0.5 * (low + high)
         self._kernel = make_measure(len(lower))
         self._replay = Replay(device)
         self._partial = wp.zeros((num_worlds, -(-capacity // CHUNK)), dtype=Sums, device=device)
@@ -152,7 +162,8 @@ class Measure:
         Returns:
             Arrays (world,): live, the number of particles in the box; broken, of these with a number that is not
             finite, which count nowhere else; in_zone and above, shares of the rest; spread, their rms distance along x
-            from the centre of mass [m]; density_error, the largest |s|.
+            from the centre of mass [m]; density_error, the largest |s|; kinetic, the mean of u^2 / 2 [m2/s2]. And
+            arrays (world, dim): middle, the centre of mass [m], and velocity, its velocity [m/s].
         """
 
         def launch() -> None:
@@ -162,7 +173,7 @@ class Measure:
 
         self._replay(launch, position, velocity, density_error, identity)
         sums = self._totals.numpy().astype(float)
-        live, broken = sums[:, LIVE], sums[:, BROKEN]
+        dim, live, broken = len(self._middle), sums[:, LIVE], sums[:, BROKEN]
         mean = sums / np.maximum(live - broken, 1.0)[:, None]
         return {
             "live": live.astype(int),
@@ -171,4 +182,7 @@ class Measure:
             "above": mean[:, ABOVE],
             "spread": np.sqrt(np.maximum(mean[:, SPREAD] - mean[:, PLACE] * mean[:, PLACE], 0.0)),
             "density_error": sums[:, DENSITY_ERROR],
+            "kinetic": mean[:, KINETIC],
+            "middle": self._middle + np.concatenate([mean[:, [PLACE]], mean[:, HEIGHT : HEIGHT + dim - 1]], axis=1),
+            "velocity": mean[:, VELOCITY : VELOCITY + dim],
         }

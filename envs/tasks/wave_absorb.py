@@ -1,0 +1,147 @@
+"""Let waves run out of a flume: its end is a piston that is to swallow what the wavemaker sends."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, ClassVar
+
+import numpy as np
+
+from fluidgym.envs import rewards
+from fluidgym.envs.actuators import Drive
+from fluidgym.envs.fluid_task import GRAVITY, FluidTask, Level
+from fluidgym.envs.task import Gate
+from fluidgym.scene import Box, Face, Fluid, Particles, Scene
+from fluidgym.solver import Solver
+
+DEPTH = 0.4  # H, of the water [m]
+LENGTH = 3.0  # of the flume at rest [m]
+ROOM = 0.15  # that the piston has to either side [m]
+STROKE = 0.1  # of the wavemaker at most, from end to end [m]
+MAKER, PISTON = "x_min", "x_max"
+WAVES = 3  # that the wavemaker sends
+
+
+class WaveAbsorb(FluidTask):
+    """A wavemaker at the left sends three waves down a flume; a piston at the right moves so that none come back.
+
+    Action (1,): velocity or acceleration of the piston as a share of the largest, positive to the right.
+
+    Observation: the fluid on a coarse grid; the piston's position (-1 to 1 over its travel) and velocity (-1 to 1), the
+    wavemaker's velocity (-1 to 1 over the largest), and the time.
+
+    Reward, from -0.1 to 1: calm - 0.1 effort. Calm is 1 where the water is at rest and 0 where its rms speed is 0.12 of
+    sqrt(g H).
+
+    The waves have a period of 1.1 to 1.6 s. By Biesel's theory a piston makes waves 2 (cosh 2kH - 1)/(sinh 2kH + 2kH)
+    strokes high, and swallows such waves if it moves as it would to make them, backwards in time.
+    """
+
+    title = "WaveAbsorb"
+    boxes: ClassVar = {2: (LENGTH + ROOM, 0.7)}
+    counted = ("the depth of the water", DEPTH)
+    resolutions: ClassVar = {2: {"fast": 9, "balanced": 12, "accurate": 24}}
+    gates: ClassVar = {2: Gate("wavemaker")}
+    grids: ClassVar = {2: (6, 24)}
+    duration = 8.0
+    levels: ClassVar = {
+        "easy": Level("fast", variation=0.3, resolution={2: 8}),
+        "medium": Level(variation=0.7),
+        "hard": Level(variation=1.0, disturbance=0.003, viscosity=1e-4, resolution={2: 16}),
+    }
+    gain = "calm"
+    costs: ClassVar = {"effort": 0.1}
+    numbers: ClassVar = [(-1.0, 1.0), (-1.0, 1.0), (-1.0, 1.0)]
+
+    def __init__(self, command: str = "velocity", max_speed: float = 0.5, max_acceleration: float = 5.0, **common: Any):
+        """Pose the task.
+
+        Args:
+            command: "velocity" or "acceleration".
+            max_speed: Of the piston [m/s].
+            max_acceleration: Of the piston [m/s2].
+            common: As every task has them; see `FluidTask`.
+
+        Raises:
+            ValueError: An argument is out of its limits.
+        """
+        super().__init__(**common)
+        travel = (LENGTH - ROOM, LENGTH + ROOM)
+        self.piston = Drive(travel, max_speed, max_acceleration, command, self.control_interval, "piston")
+        self.reference_speed = math.sqrt(GRAVITY * DEPTH)
+        self._top = math.pi * STROKE / 1.1  # of the wavemaker's speed
+        self.scene = Scene(
+            lower=(-STROKE, 0.0),
+            upper=self.boxes[2],
+            particle_spacing=self.spacing,
+            fluid=[Fluid(Box((0.0, 0.0), (LENGTH, DEPTH)), pressure="hydrostatic")],
+            faces={
+                MAKER: Face(moving=True, travel=(-STROKE, STROKE), start=0.0),
+                PISTON: Face(moving=True, travel=travel, start=LENGTH),
+            },
+            gravity=GRAVITY,
+            material=self.material(),
+            reference_speed=self.reference_speed,
+        )
+        self._fluid = self.scene.sample()
+
+    def attach(self, solver: Solver) -> None:
+        """Take the worlds."""
+        super().attach(solver)
+        self.face, self._maker = solver.face_index(PISTON), solver.face_index(MAKER)
+        self._effort = np.zeros(solver.num_worlds)
+        self._making = np.zeros((solver.num_worlds, self.max_episode_steps + 1))
+
+    def sample(self, world: int, rng: np.random.Generator) -> Particles:
+        """The water at rest, and what the wavemaker will do: a few waves of one period, the first and last lower."""
+        period = 1.35 + 0.25 * self.variation * rng.uniform(-1.0, 1.0)
+        stroke = STROKE * (0.8 + 0.2 * self.variation * rng.uniform(-1.0, 1.0))
+        times = self.control_interval * np.arange(self.max_episode_steps + 1)
+        waves = times / period
+        swelling = np.minimum(2.0 * waves, 2.0 * (WAVES - waves)).clip(0.0, 1.0)
+        place = 0.5 * stroke * swelling * np.sin(2.0 * math.pi * waves)
+        self._making[world] = np.diff(place, append=0.0) / self.control_interval
+        return self._fluid
+
+    def begin(self, worlds: np.ndarray) -> None:
+        """Put the piston of some worlds to its place."""
+        self._effort[worlds] = 0.0
+        super().begin(worlds)
+
+    def drive(self, actions: np.ndarray) -> None:
+        """Move the piston as far as its limits let it, and the wavemaker as it was drawn."""
+        velocity = self.piston.next_velocity(actions[:, 0], self.position, self.velocity)
+        self.solver.face_velocity[:, self.face] = velocity
+        self.solver.face_velocity[:, self._maker] = self.making()
+        self.solver.gravity[:, 0] = 0.0
+        change = (velocity - self.velocity) / (self.piston.max_acceleration * self.piston.interval)
+        self._effort = rewards.effort(velocity / self.piston.max_speed, change)
+
+    def making(self) -> np.ndarray:
+        """Velocity of the wavemaker in the interval to come [m/s], (world,)."""
+        return self._making[np.arange(len(self._steps)), np.minimum(self._steps, self.max_episode_steps)]
+
+    def measure(self) -> None:
+        """Look at the fluid and at the piston."""
+        super().measure()
+        self.position, self.velocity = self.face_motion(self.face)
+
+    def state(self) -> list[np.ndarray]:
+        """The piston's position and velocity, and what the wavemaker does."""
+        place, speed = (self.position - LENGTH) / ROOM, self.velocity / self.piston.max_speed
+        return [place, speed, self.making() / (1.5 * self._top)]
+
+    def parts(self) -> dict[str, np.ndarray]:
+        """Calm and effort."""
+        unrest = rewards.unrest(self.fluid["kinetic"], 0.24 * self.reference_speed)
+        return {"calm": 1.0 - unrest, "effort": self._effort.copy()}
+
+    def info(self) -> dict[str, np.ndarray]:
+        """What every task tells, and the piston [m, m/s]."""
+        return super().info() | {"wall_position": self.position.copy(), "wall_velocity": self.velocity.copy()}
+
+    def scripted(self) -> np.ndarray:
+        """Give way as open water would: sqrt(g/H) times how much higher the water is at the piston than on average."""
+        rise = self.depths()[:, -5:-3].mean(axis=1) - DEPTH
+        wanted = math.sqrt(GRAVITY / DEPTH) * rise - 0.5 * (self.position - LENGTH)
+        return (wanted / self.piston.max_speed).clip(-1.0, 1.0)[:, None]
