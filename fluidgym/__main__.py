@@ -31,6 +31,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     _add_validate(commands)
     _add_benchmark(commands)
     _add_card(commands)
+    _add_evaluate(commands)
+    _add_play(commands)
     chosen = parser.parse_args(arguments)
     try:
         if getattr(chosen, "precision", None):
@@ -576,6 +578,123 @@ def card(chosen: argparse.Namespace) -> int:
     if interrupted:
         print(f"interrupted after {len(cards)} of {len(environments) * len(fidelities)} cards", file=sys.stderr)
         return INTERRUPTED
+    return 0
+
+
+def _add_evaluate(commands: argparse._SubParsersAction) -> None:
+    parser = commands.add_parser(
+        "evaluate",
+        help="what a controller earns",
+        description="Let controllers play episodes of a band of seeds that nobody trains on: one that does nothing, the"
+        " task's own, and trained ones.",
+    )
+    parser.add_argument("ids", nargs="+", metavar="ID", help="an environment, such as fluidgym/CarryTank2D-v0")
+    parser.add_argument(
+        "--policy", nargs="+", default=["null", "scripted"], metavar="NAME|FILE", help="(default: null scripted)"
+    )
+    parser.add_argument("--difficulty", default="medium", help="easy, medium or hard (default: medium)")
+    parser.add_argument("--resolution", type=int, metavar="N", help="particles over the length the task counts along")
+    parser.add_argument("--episodes", type=int, default=32, metavar="N", help="of each (default: 32)")
+    parser.add_argument("--device", help="cpu, cuda, cuda:1, ...; a GPU where there is one if not given")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the results to this file as well")
+    parser.set_defaults(run=evaluate)
+
+
+def evaluate(chosen: argparse.Namespace) -> int:
+    """Score controllers: a line for each in each environment."""
+    from fluidgym.envs import evaluation, make_task
+    from fluidgym.validation.report import write_json
+
+    rows = []
+    try:
+        environments = _environments(chosen.ids)
+        controllers = {name: _controller(name) for name in chosen.policy}
+        _check_file("--json", chosen.json)
+        options = {"difficulty": chosen.difficulty, "resolution": chosen.resolution}
+        for env_id, given in environments.items():
+            posed = {**given, **options}
+            steps = make_task(posed.pop("task"), **posed).max_episode_steps
+            for name, controller in controllers.items():
+                with tqdm(total=steps, desc=f"{env_id} {name}", unit="step", leave=False, disable=None) as bar:
+                    score = evaluation.evaluate(
+                        controller, **given, **options, episodes=chosen.episodes, device=chosen.device,
+                        progress=bar.update,
+                    )  # fmt: skip
+                print(f"{env_id} {chosen.difficulty} {name}: {score}", flush=True)
+                row = {"id": env_id, **options, "policy": name, "mean": score.mean, "margin": score.margin}
+                rows.append({**row, "episodes": chosen.episodes, "diverged": score.diverged, "parts": score.parts})
+                if chosen.json:
+                    write_json(chosen.json, rows)
+    except ValueError as error:
+        return _refuse(str(error))
+    except KeyboardInterrupt:
+        print(f"interrupted after {len(rows)} scores", file=sys.stderr)
+        return INTERRUPTED
+    return 0
+
+
+def _controller(name: str) -> Any:
+    """A controller by its name, or from a file."""
+    from fluidgym.envs.policy import Policy
+
+    return name if name in ("null", "scripted") else Policy.load(Path(name))
+
+
+def _add_play(commands: argparse._SubParsersAction) -> None:
+    parser = commands.add_parser(
+        "play",
+        help="watch a controller",
+        description="Let a controller play an episode, in a window or into a film.",
+    )
+    parser.add_argument("id", metavar="ID", help="an environment, such as fluidgym/CarryTank2D-v0")
+    parser.add_argument(
+        "--policy", default="scripted", metavar="NAME|FILE", help="null, scripted, or a file (scripted)"
+    )
+    parser.add_argument("--difficulty", default="medium", help="easy, medium or hard (default: medium)")
+    parser.add_argument("--seed", type=int, default=0, help="of the episode (default: 0)")
+    parser.add_argument("--film", type=Path, metavar="FILE", help="a .gif or .mp4; a window if not given")
+    parser.add_argument("--device", help="cpu, cuda, cuda:1, ...; a GPU where there is one if not given")
+    parser.set_defaults(run=play)
+
+
+def play(chosen: argparse.Namespace) -> int:
+    """Play an episode."""
+    from fluidgym.envs import FluidEnv
+    from fluidgym.render.film import write_gif, write_mp4
+
+    try:
+        ((_, given),) = _environments([chosen.id]).items()
+        controller = _controller(chosen.policy)
+        _check_file("--film", chosen.film)
+        mode = "rgb_array" if chosen.film else "human"
+        env = FluidEnv(**given, difficulty=chosen.difficulty, device=chosen.device, render_mode=mode)
+        if not isinstance(controller, str):
+            controller.check(env.task)
+        observation, _ = env.reset(seed=chosen.seed)
+    except ValueError as error:
+        return _refuse(str(error))
+    task, frames, total, ended = env.task, [], 0.0, False
+    try:
+        with tqdm(total=task.max_episode_steps, desc=chosen.id, unit="step", leave=False, disable=None) as bar:
+            while not ended:
+                if isinstance(controller, str):
+                    action = (task.null() if controller == "null" else task.scripted())[0]
+                else:
+                    action = controller(observation[None])[0]
+                observation, reward, terminated, truncated, info = env.step(action)
+                total, ended = total + reward, terminated or truncated
+                if chosen.film:
+                    frames.append(env.render())
+                bar.update(1)
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    finally:
+        env.close()
+    if chosen.film:
+        write = write_mp4 if chosen.film.suffix == ".mp4" else write_gif
+        write(chosen.film, frames, 1.0 / task.control_interval)
+        print(chosen.film)
+    print(f"{chosen.id} {chosen.difficulty} {chosen.policy}: return {total:.1f} in {info['time']:.1f} s")
     return 0
 
 

@@ -19,7 +19,7 @@ from gymnasium.wrappers.vector import NormalizeObservation, RecordEpisodeStatist
 
 import fluidgym
 from fluidgym.envs import TASKS, FluidEnv, FluidVectorEnv, make_task, rewards
-from fluidgym.envs.actuators import DrivenWall
+from fluidgym.envs.actuators import Drive
 from fluidgym.envs.tasks import dam_break_contain
 from fluidgym.envs.tasks.dam_break_contain import close_in
 from fluidgym.scheme import DEFAULT_SCHEME, FIDELITIES, Scheme
@@ -149,7 +149,7 @@ def test_no_episode_goes_on_past_that_of_the_task():
 @pytest.mark.parametrize("dim", [2, 3])
 def test_observations_are_in_their_space(dim, kind):
     env = FluidEnv(dim=dim, obs=kind, **SMALL)
-    grid = dam_break_contain.GRID[dim]
+    grid = env.task.grid
     assert env.observation_space.is_bounded()
     assert env.observation_space.shape == (
         ((1 + dim) * int(np.prod(grid)) + 3,) if kind == "flat" else (1 + dim + 3, *grid)
@@ -348,20 +348,20 @@ def test_envs_without_a_seed_differ():
 
 
 def test_a_task_keeps_only_so_many_columns():
-    task = make_task("DamBreakContain", resolution=30, variation=0.2)
+    task = make_task("DamBreakContain", resolution=30, variation=1.0)
     for seed in range(2 * dam_break_contain.COLUMNS_KEPT):
-        task.start(np.random.default_rng(seed))
+        task.start(0, np.random.default_rng(seed))
     assert task._column.cache_info().currsize == dam_break_contain.COLUMNS_KEPT
 
 
 def test_starts_vary_as_much_as_asked():
-    task = make_task("DamBreakContain", resolution=20, variation=0.1, jitter=0.05)
-    counts = {len(task.start(np.random.default_rng(seed))) for seed in range(40)}
+    task = make_task("DamBreakContain", resolution=20, variation=0.5, jitter=0.05)
+    counts = {len(task.start(0, np.random.default_rng(seed))) for seed in range(40)}
     assert min(counts) >= 36 * 18
     assert max(counts) <= 44 * 22
     assert len(counts) > 5
     plain = make_task("DamBreakContain", resolution=20, variation=0.0, jitter=0.0)
-    lattice = (plain.start(np.random.default_rng(1)).position / plain.spacing - 0.5) % 1.0
+    lattice = (plain.start(0, np.random.default_rng(1)).position / plain.spacing - 0.5) % 1.0
     assert np.abs(lattice - np.round(lattice)).max() < 1e-9
 
 
@@ -454,7 +454,7 @@ def test_wall_stays_within_its_limits_under_bang_bang_actions(command):
 
 
 def test_wall_keeps_its_limits_from_any_state_it_can_reach():
-    wall = DrivenWall((0.0, 1.0), 2.0, 5.0, "acceleration", 0.1)
+    wall = Drive((0.0, 1.0), 2.0, 5.0, "acceleration", 0.1)
     rng = np.random.default_rng(0)
     position, velocity = np.full(200, 0.5), np.zeros(200)
     for step in range(300):
@@ -579,7 +579,7 @@ def test_bad_actions_of_a_vector_env_are_refused_and_named():
     ("options", "message"),
     [
         ({"task": "Tsunami"}, "task = 'Tsunami' is unknown; use 'DamBreakContain'"),
-        ({"colour": 1}, "DamBreakContain has no option 'colour'; use dim, resolution"),
+        ({"colour": 1}, "DamBreakContain has no option 'colour'; use command, max_wall_speed"),
         ({"dim": 4}, "dim = 4 is unknown; use 2 or 3"),
         ({"resolution": 4}, "resolution = 4 particles over the column's height is outside 8 to 512; use 16"),
         ({"obs": "image"}, "obs = 'image' is unknown; use 'flat' or 'grid'"),
@@ -587,7 +587,11 @@ def test_bad_actions_of_a_vector_env_are_refused_and_named():
         ({"grid": (12, 16, 3)}, "must be 2 whole numbers above 0"),
         ({"grid": (48, 64)}, "finer than the particle spacing 0.075 m; use at most"),
         ({"control_interval": -1.0}, "control_interval = -1.0 s is outside 0.005 to 0.5; use 0.05"),
-        ({"control_interval": None}, "control_interval = None s is outside 0.005 to 0.5; use 0.05"),
+        ({"control_interval": "a"}, "control_interval = 'a' s is outside 0.005 to 0.5; use 0.05"),
+        ({"difficulty": "brutal"}, "difficulty = 'brutal' is unknown; use 'easy', 'medium', 'hard'"),
+        ({"variation": 1.5}, "variation = 1.5 is outside 0 to 1; use 0.5"),
+        ({"viscosity": -1.0}, "viscosity = -1.0 m2/s is outside 0 to 0.1; use 0"),
+        ({"disturbance": 2}, "disturbance = 2 is outside 0 to 0.5; use 0"),
         ({"episode": 0.0}, "episode = 0.0 s is outside 0.005 to 3600; use 4"),
         ({"dim": [2]}, "dim = [2] is unknown; use 2 or 3"),
         ({"depth": 1.0}, "depth = 1.0 is for 3D only; leave it out in 2D"),

@@ -48,7 +48,7 @@ class CarryTank(FluidTask):
         2: {"fast": 10, "balanced": 14, "accurate": 28},
         3: {"fast": 8, "balanced": 10, "accurate": 16},
     }
-    gates: ClassVar = {2: Gate("standing-wave", DEPTH), 3: Gate("standing-wave", DEPTH)}
+    gates: ClassVar = {2: Gate("standing-wave"), 3: Gate("still-tank")}
     grids: ClassVar = {2: (6, 10), 3: (6, 4, 10)}
     duration = 5.0
     levels: ClassVar = {

@@ -37,15 +37,15 @@ class JetFill(FluidTask):
     Reward, from -1.05 to 1: fill - 1 spill - 0.05 effort. Fill is how much is in the bucket over half of what it
     holds; spill how much has fallen past it, over the same; effort the change of speed and slope.
 
-    The jet is a bullet's path: from the nozzle at height y and slope s it is at x after x/u, s x - g x^2/(2 u^2) higher,
-    u its speed along x. What misses the bucket falls out of the world through the floor.
+    The jet takes the path of a bullet: with slope s and speed u along x it is s x - g x^2/(2 u^2) higher at x. What
+    misses the bucket falls out of the world through the floor.
     """
 
     title = "JetFill"
     boxes: ClassVar = {2: (2.4, 1.8)}
     counted = ("half a metre", 0.5)
     resolutions: ClassVar = {2: {"fast": 10, "balanced": 15, "accurate": 30}}
-    gates: ClassVar = {2: Gate("channel")}
+    gates: ClassVar = {2: Gate("free-fall")}
     grids: ClassVar = {2: (9, 12)}
     duration = 4.0
     levels: ClassVar = {

@@ -22,7 +22,7 @@ HIGHER = 0.12  # most that the level asked for differs from that [m]
 NOZZLE_WIDTH = 0.2  # [m]
 FASTEST = 2.5  # out of the nozzle [m/s]
 START = 1.0  # out of the nozzle at the start [m/s]
-CONTRACTION = 0.61  # of a jet out of a slot with sharp edges (Kirchhoff)
+CONTRACTION = 0.75  # of the jet out of the slot; 0.61 for sharp edges and a deep tank (Kirchhoff)
 
 
 class LevelHold(FluidTask):
@@ -36,16 +36,16 @@ class LevelHold(FluidTask):
     Reward, from -0.25 to 1: hold - 0.2 splash - 0.05 effort. Hold is 1 at the level asked for and 0 where the level is
     a quarter of that off; splash the share of the water that is 0.2 m above it; effort the change of the inflow.
 
-    The level asked for changes once in an episode, at a time of its own. By Torricelli's law a level h drives out
-    0.61 sqrt(2 g h) times the width of the slot, and the scripted controller lets in just as much, and more or less by
-    how far the level is off.
+    The level asked for changes once in an episode, at a time of its own. By Torricelli's law a level h drives water out
+    at sqrt(2 g h), in a jet that is narrower than the slot; the scripted controller lets in just as much, and more or
+    less by how far the level is off.
     """
 
     title = "LevelHold"
     boxes: ClassVar = {2: (LENGTH, 1.2)}
     counted = ("half a metre", 0.5)
     resolutions: ClassVar = {2: {"fast": 12, "balanced": 16, "accurate": 30}}
-    gates: ClassVar = {2: Gate("channel")}
+    gates: ClassVar = {2: Gate("still-tank")}
     grids: ClassVar = {2: (10, 8)}
     duration = 6.0
     levels: ClassVar = {

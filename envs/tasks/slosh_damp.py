@@ -40,7 +40,7 @@ class SloshDamp(FluidTask):
     boxes: ClassVar = {2: (LENGTH + ROOM, 0.9)}
     counted = ("the depth of the water", DEPTH)
     resolutions: ClassVar = {2: {"fast": 10, "balanced": 14, "accurate": 28}}
-    gates: ClassVar = {2: Gate("standing-wave", DEPTH)}
+    gates: ClassVar = {2: Gate("standing-wave")}
     grids: ClassVar = {2: (8, 12)}
     duration = 6.0
     levels: ClassVar = {
