@@ -167,16 +167,8 @@ class FluidTask(Task):
         """The fluid of a world at the start of an episode, on its lattice; what else is drawn is kept by world."""
 
     @abstractmethod
-    def parts(self) -> dict[str, np.ndarray]:
-        """What the reward is made of, each in 0 to 1, (world,): the gain and the costs."""
-
-    @abstractmethod
     def state(self) -> list[np.ndarray]:
         """The numbers beside the grid, the time aside, each (world,)."""
-
-    @abstractmethod
-    def scripted(self) -> np.ndarray:
-        """Actions (world, action) of a simple controller that was made by hand, from what was measured last."""
 
     def zone(self) -> tuple[Sequence[float], Sequence[float]]:
         """Corners of the zone that is measured and drawn [m], each (dim,)."""

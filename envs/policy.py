@@ -63,18 +63,14 @@ class Policy:
 
     def save(self, path: Path) -> None:
         """Write it as an .npz file; what was there is replaced at once or not at all."""
-        arrays = {f"weight_{n}": weight for n, weight in enumerate(self.weights)}
+        arrays: dict[str, Any] = {"mean": self.mean, "scale": self.scale}
+        arrays |= {f"weight_{n}": weight for n, weight in enumerate(self.weights)}
         arrays |= {f"bias_{n}": bias for n, bias in enumerate(self.biases)}
         about = json.dumps({"version": VERSION, **self.about})
         unfinished = path.with_name(path.name + ".part")
         with unfinished.open("wb") as file:
-            np.savez_compressed(
-                file,
-                mean=self.mean.astype(np.float32),
-                scale=self.scale.astype(np.float32),
-                about=np.frombuffer(about.encode(), np.uint8),
-                **{name: array.astype(np.float32) for name, array in arrays.items()},
-            )
+            kept: dict[str, Any] = {name: np.asarray(array, np.float32) for name, array in arrays.items()}
+            np.savez_compressed(file, about=np.frombuffer(about.encode(), np.uint8), **kept)
         unfinished.replace(path)
 
     @classmethod

@@ -129,6 +129,10 @@ class Task(ABC):
         """Observations, (world, ...): a new array."""
 
     @abstractmethod
+    def parts(self) -> dict[str, np.ndarray]:
+        """What the reward is made of, each in 0 to 1, (world,): the gain and the costs."""
+
+    @abstractmethod
     def reward(self) -> np.ndarray:
         """Rewards, (world,)."""
 

@@ -95,8 +95,8 @@ def train(env_id, difficulty, worlds, steps, minutes, seed, device, out):
     torch.manual_seed(seed)
     torch.set_num_threads(1)  # the perceptron is small, and the fluid wants the processors
     envs = gym.make_vec(env_id, num_envs=worlds, difficulty=difficulty, device=device, autoreset_mode="SameStep")
-    shape, acts = envs.single_observation_space.shape, envs.single_action_space.shape[0]
-    agent, seen = Agent(int(np.prod(shape)), acts), Running((int(np.prod(shape)),))
+    sees, acts = gym.spaces.flatdim(envs.single_observation_space), gym.spaces.flatdim(envs.single_action_space)
+    agent, seen = Agent(sees, acts), Running((sees,))
     optimiser = torch.optim.Adam(agent.parameters(), lr=RATE, eps=1e-5)
     about = {"task": env_id, "difficulty": difficulty, "seed": seed}
     returned, discounted = Running(()), np.zeros(worlds)
@@ -141,9 +141,8 @@ def train(env_id, difficulty, worlds, steps, minutes, seed, device, out):
             learn(agent, optimiser, data, gain)
             bar.update(1)
             if curve:
-                bar.set_postfix(
-                    steps=(update + 1) * worlds * HORIZON, **{"return": f"{np.mean([r for _, r in curve[-50:]]):.1f}"}
-                )
+                recent = np.mean([total for _, total in curve[-50:]])
+                bar.set_postfix_str(f"{(update + 1) * worlds * HORIZON} steps, return {recent:.1f}")
             if out and update % 50 == 49:
                 agent.policy(seen, about).save(out)  # what there is, if it is interrupted
     envs.close()
