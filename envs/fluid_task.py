@@ -89,6 +89,8 @@ class FluidTask(Task):
         resolution: int | None = None,
         obs: str = "flat",
         grid: Sequence[int] | None = None,
+        solid: bool = False,
+        stack: int = 1,
         control_interval: float | None = None,
         episode: float | None = None,
         variation: float | None = None,
@@ -106,8 +108,11 @@ class FluidTask(Task):
             difficulty: "easy", "medium" or "hard": fidelity, resolution, and how far starts, disturbance and viscosity
                 range, unless they are given.
             resolution: Particles over the length that the task counts them along; None is that of the fidelity.
-            obs: "flat" is one vector, "grid" (channel, ny, nx) or (channel, nz, ny, nx), "image" the same as uint8.
+            obs: "flat" is one vector, "grid" (channel, ny, nx) or (channel, nz, ny, nx), "image", in 2D, uint8 (row,
+                column, channel), at least 40 pixels each way.
             grid: Cells of the coarse grid, (ny, nx) or (nz, ny, nx).
+            solid: Whether the share of each cell that is solid is observed, too.
+            stack: Frames of an observation, the latest last.
             control_interval: Time between actions [s].
             episode: How long an episode is [s]; rounded up to whole control intervals.
             variation: How much the starts differ, 0 to 1.
@@ -145,7 +150,8 @@ class FluidTask(Task):
         self.max_episode_steps = max(1, math.ceil(self.episode / self.control_interval - 1e-9))
         self.spacing = self.counted[1] / self.resolution
         self.action_space = spaces.Box(-1.0, 1.0, (self.actions,), np.float32)
-        self.observation_space = observations.space(obs, self.grid, [*self.numbers, (0.0, 1.0)])
+        self.view = observations.View(obs, self.grid, [*self.numbers, (0.0, 1.0)], solid, stack)
+        self.observation_space = self.view.space
 
     @classmethod
     def check_options(cls, options: Mapping[str, Any]) -> None:
@@ -195,6 +201,8 @@ class FluidTask(Task):
             solver.capacity,
             solver.device,
         )
+        self._frames: list[np.ndarray] = []
+        self._begun, self._stepped = np.zeros(worlds, bool), False
         self._steps = np.zeros(worlds, int)
         self._shaking = np.zeros((worlds, self.max_episode_steps))
         self._viscosities = np.full(worlds, self.scene.material.viscosity)
@@ -237,6 +245,7 @@ class FluidTask(Task):
         if self.viscosity > 0.0:
             self.solver.set_parameters(viscosity=self._viscosities)
         self._steps[worlds] = 0
+        self._begun |= worlds
         self.measure()
         self._clamped[:] = 0  # a start is not a step
 
@@ -248,6 +257,7 @@ class FluidTask(Task):
         if self.disturbance > 0.0:
             self.solver.gravity[:, 0] -= self.ground()
         self._steps += 1
+        self._stepped = True
 
     def ground(self) -> np.ndarray:
         """Acceleration of the ground in the interval to come [m/s2], (world,)."""
@@ -297,7 +307,19 @@ class FluidTask(Task):
         limits = np.asarray(self.numbers, float).reshape(-1, 2)
         state = [values.clip(low, high) for values, (low, high) in zip(self.state(), limits, strict=True)]
         time = (self.time() / self.episode).clip(0.0, 1.0)
-        return observations.assemble(self.obs, self.coarse(), np.stack([*state, time], axis=1))
+        channels = [self.coarse(), *[observations.solid_fraction(self.solver, self.grid)] * self.view.solid]
+        frame = self.view.frame(channels, np.stack([*state, time], axis=1))
+        return frame if self.view.stack == 1 else self._stacked(frame)
+
+    def _stacked(self, frame: np.ndarray) -> np.ndarray:
+        """The latest frames of each world; where an episode has begun, its first one again and again."""
+        if self._stepped or not self._frames:
+            self._frames = [*self._frames, frame][-self.view.stack :]
+        self._frames = [frame] * (self.view.stack - len(self._frames)) + self._frames
+        on = ~self._begun.reshape(-1, *[1] * (frame.ndim - 1))
+        self._frames = [np.where(on, kept, frame) for kept in self._frames]
+        self._begun[:], self._stepped = False, False
+        return np.concatenate(self._frames, axis=self.view.axis)
 
     def reward(self) -> np.ndarray:
         """The gain less the costs."""

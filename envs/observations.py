@@ -8,14 +8,17 @@ from typing import Literal, get_args
 import numpy as np
 from gymnasium import spaces
 
+from fluidgym.scene import Ball
 from fluidgym.solver import Solver
 from fluidgym.sph.deposit import Deposit
 
-Kind = Literal["flat", "grid"]
+Kind = Literal["flat", "grid", "image"]
 
 # Water compressed or splashed together can fill a cell a little more than full.
 FRACTION_LIMIT = 2.0
 MOMENTUM_LIMIT = 1.0
+
+PIXELS = 40  # of an image each way, at least: the usual networks want 36
 
 
 def check_kind(kind: str) -> None:
@@ -25,7 +28,7 @@ def check_kind(kind: str) -> None:
         ValueError: The kind is unknown.
     """
     if kind not in get_args(Kind):
-        raise ValueError(f"obs = {kind!r} is unknown; use {' or '.join(map(repr, get_args(Kind)))}")
+        raise ValueError(f"obs = {kind!r} is unknown; use {', '.join(map(repr, get_args(Kind)))}")
 
 
 def check_grid(grid: Sequence[int], dim: int) -> tuple[int, ...]:
@@ -65,35 +68,118 @@ def deposit(solver: Solver, grid: Sequence[int], reference_speed: float) -> Depo
     )
 
 
-def space(kind: str, grid: Sequence[int], numbers: Sequence[tuple[float, float]]) -> spaces.Box:
-    """The space of the observations of one world.
+class View:
+    """What one observation is made of, and its space.
 
-    Args:
-        kind: "flat" is one vector; "grid" is (channels, *grid), where each number fills a channel of its own.
+    Attributes:
+        kind: "flat" is one vector; "grid" is (channel, *grid), where each number fills a channel of its own; "image" is
+            the same as uint8 (row, column, channel), the top row first and each cell enlarged to as many pixels as make
+            at least 40 each way.
         grid: Cells along each axis.
         numbers: Lowest and highest value of each number beside the grid.
+        solid: Whether the share of each cell that is solid is a channel, after the momentum.
+        stack: How many frames an observation has, the latest last.
+        space: Of the observations of one world.
     """
-    dim, cells = len(grid), int(np.prod(grid))
-    limits = [(0.0, FRACTION_LIMIT), *[(-MOMENTUM_LIMIT, MOMENTUM_LIMIT)] * dim]
-    if kind == "flat":
-        columns = np.concatenate([np.repeat(limits, cells, axis=0), np.reshape(numbers, (-1, 2))]).astype(np.float32)
-        return spaces.Box(columns[:, 0], columns[:, 1], dtype=np.float32)
-    channels = np.asarray([*limits, *numbers], np.float32)
-    shape = (len(channels), *grid)
-    low, high = (np.broadcast_to(channels[:, side].reshape(-1, *[1] * dim), shape) for side in (0, 1))
-    return spaces.Box(low, high, shape, np.float32)
+
+    def __init__(
+        self,
+        kind: str,
+        grid: Sequence[int],
+        numbers: Sequence[tuple[float, float]],
+        solid: bool = False,
+        stack: int = 1,
+    ):
+        """Lay it out.
+
+        Raises:
+            ValueError: An image is asked for of a world that has three dimensions, or the stack has no frame.
+        """
+        if kind == "image" and len(grid) != 2:
+            raise ValueError("obs = 'image' is for 2D only; use 'grid' in 3D")
+        if not isinstance(stack, int | np.integer) or not 1 <= stack <= 16:
+            raise ValueError(f"stack = {stack!r} is outside 1 to 16; use 1, or 4 where a policy has no memory")
+        dim = len(grid)
+        self.kind, self.grid, self.numbers, self.solid, self.stack = kind, tuple(grid), numbers, solid, int(stack)
+        limits = [(0.0, FRACTION_LIMIT), *[(-MOMENTUM_LIMIT, MOMENTUM_LIMIT)] * dim, *[(0.0, 1.0)] * solid]
+        self._low, self._high = np.asarray([*limits, *numbers], np.float32).T
+        self._zoom = -(-PIXELS // min(grid))
+        if kind == "image":
+            shape = (grid[0] * self._zoom, grid[1] * self._zoom, len(self._low) * stack)
+            self.space = spaces.Box(0, 255, shape, np.uint8)
+            return
+        if kind == "flat":
+            cells, own = int(np.prod(grid)), len(limits)
+            sides = [np.concatenate([np.repeat(side[:own], cells), side[own:]]) for side in (self._low, self._high)]
+        else:
+            shape = (len(self._low), *grid)
+            sides = [np.broadcast_to(side.reshape(-1, *[1] * dim), shape) for side in (self._low, self._high)]
+        low, high = (np.concatenate([side] * stack) for side in sides)
+        self.space = spaces.Box(low, high, dtype=np.float32)
+
+    def frame(self, channels: Sequence[np.ndarray], numbers: np.ndarray) -> np.ndarray:
+        """One frame of each world.
+
+        Args:
+            channels: Parts of the grid, each (world, channel, *grid).
+            numbers: (world, number).
+        """
+        numbers = numbers.astype(np.float32)
+        if self.kind == "flat":
+            flat = [channel.reshape(len(channel), -1) for channel in channels]
+            return np.concatenate([*flat, numbers], axis=1, dtype=np.float32)
+        shape = (*numbers.shape, *self.grid)
+        filled = np.broadcast_to(numbers.reshape(*numbers.shape, *[1] * len(self.grid)), shape)
+        grid = np.concatenate([*channels, filled], axis=1, dtype=np.float32)
+        if self.kind == "grid":
+            return grid
+        # A cell that is just full is white; a little more than full does not show.
+        high = np.where(self._high == FRACTION_LIMIT, 1.0, self._high)[:, None, None]
+        low = self._low[:, None, None]
+        shades = (255.0 * ((grid - low) / (high - low)).clip(0.0, 1.0)).round().astype(np.uint8)
+        pixels = shades[:, :, ::-1].repeat(self._zoom, axis=2).repeat(self._zoom, axis=3)
+        return np.ascontiguousarray(pixels.transpose(0, 2, 3, 1))
+
+    @property
+    def axis(self) -> int:
+        """The axis of a batch of frames along which they are stacked."""
+        return -1 if self.kind == "image" else 1
 
 
-def assemble(kind: str, grid: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-    """The observations of all worlds, float32.
+def solid_fraction(solver: Solver, grid: Sequence[int]) -> np.ndarray:
+    """Share of each coarse cell that is in a body or beyond a wall, (world, 1, *grid), float32.
 
-    Args:
-        kind: As in `space`.
-        grid: (world, channel, *grid).
-        numbers: (world, number).
+    Exact for walls and boxes apart; of a ball it is counted on four points each way.
     """
-    numbers = numbers.astype(np.float32)
-    if kind == "flat":
-        return np.concatenate([grid.reshape(len(grid), -1), numbers], axis=1, dtype=np.float32)
-    filled = np.broadcast_to(numbers.reshape(*numbers.shape, *[1] * (grid.ndim - 2)), (*numbers.shape, *grid.shape[2:]))
-    return np.concatenate([grid, filled], axis=1, dtype=np.float32)
+    scene, dim = solver.scene, solver.scene.dim
+    faces = solver.state.faces.position.numpy().astype(float).reshape(solver.num_worlds, dim, 2)
+    counts = tuple(grid)[::-1]  # cells along x, y, z
+    edges = [np.linspace(scene.lower[k], scene.upper[k], counts[k] + 1) for k in range(dim)]
+
+    def inside(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+        """Share of each cell between two corners (world, dim) each."""
+        share = np.ones((solver.num_worlds, *[1] * dim))
+        for k in range(dim):
+            overlap = np.minimum(edges[k][1:], high[:, k, None]) - np.maximum(edges[k][:-1], low[:, k, None])
+            along = overlap.clip(0.0) / (edges[k][1] - edges[k][0])
+            share = share * along.reshape(-1, *[1] * (dim - 1 - k), counts[k], *[1] * k)
+        return share
+
+    solid = 1.0 - inside(faces[:, :, 0], faces[:, :, 1])
+    if scene.bodies:
+        middles = solver.state.bodies.position.numpy().astype(float)
+        halves = solver.state.bodies.half.numpy().astype(float)
+    for body, item in enumerate(scene.bodies.values()):
+        middle, half = middles[:, body], halves[body]
+        if isinstance(item.shape, Ball):
+            fine = [np.linspace(edge[0], edge[-1], 8 * (len(edge) - 1) + 1)[1::2] for edge in edges]
+            squares = np.zeros((solver.num_worlds, *[1] * dim))
+            for k in range(dim):
+                off = (fine[k] - middle[:, k, None]) ** 2
+                squares = squares + off.reshape(-1, *[1] * (dim - 1 - k), len(fine[k]), *[1] * k)
+            parts = (squares < half[0] ** 2).reshape(solver.num_worlds, *(n for count in grid for n in (count, 4)))
+            solid = solid + parts.mean(axis=tuple(range(2, 2 * dim + 1, 2)))
+        else:
+            solid = solid + inside(middle - half, middle + half)
+    solid[solid < 1e-6] = 0.0  # what places are rounded off by
+    return solid.clip(0.0, 1.0).astype(np.float32)[:, None]

@@ -130,6 +130,68 @@ def test_every_episode_has_a_ground_and_a_viscosity_of_its_own():
     np.testing.assert_allclose(envs.solver.gravity[:, 0], -task._shaking[:, 0])
 
 
+# -- what is seen ------------------------------------------------------------------------------------------------
+
+
+def test_an_image_shows_the_grid():
+    options = {"difficulty": "easy", "jitter": 0.0, "device": "cpu"}
+    image, grid = (FluidEnv("CarryTank", obs=kind, **options) for kind in ("image", "grid"))
+    pixels, channels = image.reset(seed=1)[0], grid.reset(seed=1)[0]
+    assert pixels.dtype == np.uint8
+    assert min(pixels.shape[:2]) >= 40
+    assert pixels.shape[2] == len(channels) == 3 + 4
+    zoom = pixels.shape[0] // channels.shape[1]
+    assert pixels.shape[:2] == (zoom * channels.shape[1], zoom * channels.shape[2])
+    np.testing.assert_array_equal(pixels[::-zoom, ::zoom, 0], np.round(255.0 * channels[0].clip(0.0, 1.0)))
+    assert (pixels[..., 1] == 128).all()  # at rest
+    assert pixels[-1, 0, 0] == 255  # water below
+    assert pixels[0, 0, 0] == 0  # none above
+
+
+def test_solids_are_seen_where_they_are():
+    env = FluidEnv("DamBreakGate", difficulty="easy", obs="grid", solid=True, device="cpu")
+    observation, _ = env.reset(seed=1)
+    assert observation in env.observation_space
+    ny, nx = env.task.grid
+    gate = observation[3]
+    size = np.divide(env.solver.scene.upper, (nx, ny))
+    assert gate.sum() * size.prod() == pytest.approx(0.05 * (1.5 - 0.3), rel=1e-5)
+    assert set(np.flatnonzero(gate.any(axis=0))) == {int(1.8 / size[0])}
+    for _ in range(20):
+        observation = env.step([-1.0])[0]
+    assert observation[3].sum() * size.prod() == pytest.approx(0.05 * 1.5, rel=1e-4)
+    wall = FluidEnv("DamBreakContain", difficulty="easy", obs="grid", solid=True, device="cpu")
+    assert not wall.reset(seed=1)[0][3].any()
+    for _ in range(20):
+        observation, _, _, _, info = wall.step([-1.0])
+    beyond = (wall.solver.scene.upper[0] - info["wall_position"]) * wall.solver.scene.upper[1]
+    size = np.divide(wall.solver.scene.upper, wall.task.grid[::-1])
+    assert observation[3].sum() * size.prod() == pytest.approx(beyond, rel=1e-4)
+
+
+@pytest.mark.parametrize("kind", ["flat", "grid", "image"])
+def test_frames_are_stacked_and_begin_anew(kind):
+    options = {"difficulty": "easy", "episode": 0.2, "obs": kind, "device": "cpu"}
+    plain, stacked = (FluidVectorEnv(2, "SpreadEven", **options, stack=stack) for stack in (1, 3))
+    axis = -1 if kind == "image" else 1
+    seen = [plain.reset(seed=1)[0]] * 3
+    np.testing.assert_array_equal(stacked.reset(seed=1)[0], np.concatenate(seen, axis=axis))
+    for step in range(7):
+        if step == 2:
+            mask = {"reset_mask": np.array([True, False])}
+            first = plain.reset(options=mask)[0]
+            seen = [np.where(np.array([True, False]).reshape(2, *[1] * (first.ndim - 1)), first, one) for one in seen]
+            np.testing.assert_array_equal(stacked.reset(options=mask)[0], np.concatenate(seen, axis=axis))
+        action = np.full((2, 1), (-1.0) ** step, np.float32)
+        was_over = plain._ended.copy()
+        frame, other = plain.step(action)[0], stacked.step(action)[0]
+        seen = [*seen[1:], frame]
+        over = was_over.reshape(2, *[1] * (frame.ndim - 1))
+        seen = [np.where(over, frame, one) for one in seen]
+        np.testing.assert_array_equal(other, np.concatenate(seen, axis=axis))
+        assert other in stacked.observation_space
+
+
 # -- what the tasks are about ------------------------------------------------------------------------------------
 
 
