@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import gymnasium
@@ -99,6 +100,25 @@ class FluidEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self._show()
         reward, terminated, truncated = outcome.reward[0], outcome.terminated[0], outcome.truncated[0]
         return outcome.observation[0], float(reward), bool(terminated), bool(truncated), _first(outcome.info)
+
+    def get_state(self) -> dict[str, np.ndarray]:
+        """All that the future of the world depends on, as arrays by name: for planning, and to go on from later.
+
+        Raises:
+            ResetNeeded: There was no reset yet.
+            ClosedEnvironmentError: The environment is closed.
+        """
+        return opened(self._runner, "get_state", begun=True).get_state(0)
+
+    def set_state(self, state: Mapping[str, np.ndarray]) -> None:
+        """Go on from what `get_state` gave, of this or another environment of the same task, bit for bit.
+
+        Raises:
+            ValueError: It is of another task; nothing has happened then.
+            ResetNeeded: There was no reset yet.
+            ClosedEnvironmentError: The environment is closed.
+        """
+        opened(self._runner, "set_state", begun=True).set_state(0, state)
 
     def render(self) -> np.ndarray | None:
         """A picture (height, width, 3) uint8, or None where the window shows it already.

@@ -26,6 +26,10 @@ GRAVITY = 9.81  # [m/s2]
 LARGEST_DENSITY_ERROR = 0.5
 
 
+# What every task remembers of each world.
+_MEMORY = ("_steps", "_shaking", "_viscosities")
+
+
 @dataclass(frozen=True)
 class Level:
     """What a difficulty stands for; an option that is given by itself comes before it.
@@ -63,6 +67,8 @@ class FluidTask(Task):
         gain: Which of the parts is the gain; the others are costs.
         costs: Their weights.
         numbers: Lowest and highest of each number beside the grid, the time aside.
+        memory: Names of what is kept of each world from step to step, arrays (world, ...).
+        actions: Numbers of an action.
         dim: Number of dimensions.
         difficulty: Key of `levels`.
         weights: Of the costs.
@@ -79,6 +85,7 @@ class FluidTask(Task):
     gain: ClassVar[str]
     costs: ClassVar[Mapping[str, float]]
     numbers: Sequence[tuple[float, float]]
+    memory: ClassVar[Sequence[str]] = ()
     actions: int = 1
     fluid: dict[str, np.ndarray]
 
@@ -334,6 +341,20 @@ class FluidTask(Task):
     def terminated(self) -> np.ndarray:
         """Worlds that have diverged."""
         return self.diverged()
+
+    def get_state(self, world: int) -> dict[str, np.ndarray]:
+        """What a world's future depends on besides its solver: what the task remembers, and the frames at hand."""
+        state = {name: getattr(self, name)[world].copy() for name in (*_MEMORY, *self.memory)}
+        return state | {f"frame_{n}": frame[world].copy() for n, frame in enumerate(self._frames)}
+
+    def set_state(self, world: int, state: Mapping[str, np.ndarray]) -> None:
+        """Put that back; the solver is as it is to be."""
+        for name in (*_MEMORY, *self.memory):
+            getattr(self, name)[world] = state[name]
+        for n, frame in enumerate(self._frames):
+            frame[world] = state[f"frame_{n}"]
+        self._begun[world] = False
+        self.measure()
 
     def info(self) -> dict[str, np.ndarray]:
         """The parts of the reward, time [s], mass [kg], divergence, penetrations put right, and the task's own."""

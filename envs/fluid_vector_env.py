@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -138,6 +138,28 @@ class FluidVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._show()
         info = {**final, **_with_masks(outcome.info, np.ones(self.num_envs, bool))}
         return outcome.observation, outcome.reward, outcome.terminated, outcome.truncated, info
+
+    def get_state(self, world: int) -> dict[str, np.ndarray]:
+        """All that the future of a world depends on, as arrays by name: for planning, and to go on from later.
+
+        Raises:
+            IndexError: There is no such world.
+            ResetNeeded: There was no reset yet.
+            ClosedEnvironmentError: The environment is closed.
+        """
+        return opened(self._runner, "get_state", begun=True).get_state(world)
+
+    def set_state(self, world: int, state: Mapping[str, np.ndarray]) -> None:
+        """Let a world go on from what `get_state` gave, of any world of the same task, bit for bit.
+
+        Raises:
+            IndexError: There is no such world.
+            ValueError: It is of another task; nothing has happened then.
+            ResetNeeded: There was no reset yet.
+            ClosedEnvironmentError: The environment is closed.
+        """
+        opened(self._runner, "set_state", begun=True).set_state(world, state)
+        self._ended[world] = False
 
     def render(self) -> tuple[np.ndarray, ...] | None:
         """One picture (height, width, 3) uint8 of each world, or None where the window shows them already.

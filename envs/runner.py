@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -108,6 +108,37 @@ class Runner:
         self.task.measure()
         self._steps += 1
         return self._outcome()
+
+    def get_state(self, world: int) -> dict[str, np.ndarray]:
+        """All that the future of a world depends on, as arrays by name."""
+        seed = self._seeds[world]
+        own = {"steps": self._steps[world], "episode": self._episodes[world], "seed": -1 if seed is None else seed}
+        state = {f"runner.{name}": np.asarray(value, np.int64) for name, value in own.items()}
+        state |= {f"task.{name}": np.asarray(value) for name, value in self.task.get_state(world).items()}
+        return state | {f"solver.{name}": np.asarray(v) for name, v in self.solver.save_world(world).items()}
+
+    def set_state(self, world: int, state: Mapping[str, np.ndarray]) -> None:
+        """Put a world to what `get_state` gave, of any world of the same task.
+
+        Raises:
+            ValueError: Something is missing or has another shape; nothing has happened then.
+        """
+        now = self.get_state(world)
+        for name, value in now.items():
+            shape = np.shape(state[name]) if name in state else None
+            if shape != value.shape:
+                raise ValueError(
+                    f"state {name!r} has shape {shape}, limit {value.shape}; give what get_state gave, of the same task"
+                )
+        parts: dict[str, dict[str, np.ndarray]] = {"runner": {}, "task": {}, "solver": {}}
+        for name in now:
+            part, _, rest = name.partition(".")
+            parts[part][rest] = state[name]
+        self.solver.restore_world(world, parts["solver"])
+        self.task.set_state(world, parts["task"])
+        own = {name: int(value) for name, value in parts["runner"].items()}
+        self._steps[world], self._episodes[world] = own["steps"], own["episode"]
+        self._seeds[world] = None if own["seed"] < 0 else own["seed"]
 
     def check_actions(self, actions: Any, name: str, shape: tuple[int, ...]) -> np.ndarray:
         """Actions as float64 (world, action), clipped into the action space. Nothing else happens.

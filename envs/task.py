@@ -152,6 +152,14 @@ class Task(ABC):
         """Actions (world, action) that do nothing."""
         return np.zeros((self.solver.num_worlds, *self.action_space.shape))
 
+    @abstractmethod
+    def get_state(self, world: int) -> dict[str, np.ndarray]:
+        """What a world's future depends on besides its solver, as arrays."""
+
+    @abstractmethod
+    def set_state(self, world: int, state: Mapping[str, np.ndarray]) -> None:
+        """Put that back; the solver is as it is to be."""
+
     def annotate(self, world: int) -> dict[str, Any]:
         """What a drawing of a world shows beside the fluid: title, text, zone; see render.draw_frame."""
         return {}

@@ -739,6 +739,45 @@ class Solver:
             self.controls.set(name, saved[f"{name}_control"])
         self._felt_gravity = saved["gravity_felt"].copy()
 
+    def save_world(self, world: int) -> dict[str, np.ndarray]:
+        """What `save` gives, of one world.
+
+        Raises:
+            IndexError: There is no such world.
+        """
+        self._check_world("save_world", world)
+        return {name: self._by_world(name, array)[world].copy() for name, array in self.save().items()}
+
+    def restore_world(self, world: int, saved: Mapping[str, np.ndarray]) -> None:
+        """Put one world back to what `save_world` gave, of any world of a solver with the same scene and scheme.
+
+        Raises:
+            IndexError: There is no such world.
+            ValueError: Something is missing or has another shape; nothing has happened then.
+        """
+        self._check_world("restore_world", world)
+        every = self.save()
+        for name, array in every.items():
+            worlds = self._by_world(name, array)
+            shape = np.shape(saved[name]) if name in saved else None
+            if shape != worlds.shape[1:]:
+                raise ValueError(
+                    f"Solver.restore_world {name} has shape {shape}, limit {worlds.shape[1:]};"
+                    " restore into a solver of the same scene"
+                )
+            worlds[world] = saved[name]
+        self.restore(every)
+
+    def _check_world(self, call: str, world: int) -> None:
+        if not 0 <= world < self.num_worlds:
+            raise IndexError(f"Solver.{call} world = {world} is outside 0 to {self.num_worlds - 1}")
+
+    def _by_world(self, name: str, array: np.ndarray) -> np.ndarray:
+        """A view of what `save` gives with the world first: particles are (dim, slot) or (slot,) there."""
+        if name not in self.state.now.arrays():
+            return array
+        return np.moveaxis(array.reshape(*array.shape[:-1], self.num_worlds, -1), -2, 0)
+
     def _changed_parameters(self, saved: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         """The parameters of `save` that differ from those of now."""
         pairs = {name: saved[f"parameter_{name}"] for name in self._parameters.values}

@@ -192,6 +192,50 @@ def test_frames_are_stacked_and_begin_anew(kind):
         assert other in stacked.observation_space
 
 
+# -- states ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("env_id", NEW)
+def test_a_world_goes_on_from_its_state_bit_for_bit(env_id):
+    options = {"disturbance": 0.05, "viscosity": 1e-3, "stack": 2, "episode": 1.0}
+    envs = easy(env_id, 3, **options)
+    envs.reset(seed=3)
+    actions = np.random.default_rng(1).uniform(-1.0, 1.0, (9, 3, *envs.single_action_space.shape)).astype(np.float32)
+    for action in actions[:5]:
+        envs.step(action)
+    state = envs.get_state(1)
+    first = [envs.step(action) for action in actions[5:]]
+    other = gym.make(env_id, difficulty="easy", device="cpu", **options).unwrapped
+    other.reset(seed=77)
+    other.step(actions[0][0])
+    other.set_state(state)
+    envs.reset(seed=50)
+    envs.step(actions[0])
+    envs.set_state(2, state)
+    for action, step in zip(actions[5:], first, strict=True):
+        again, alone = envs.step(np.broadcast_to(action[1], action.shape)), other.step(action[1])
+        np.testing.assert_array_equal(again[0][2], step[0][1])
+        np.testing.assert_array_equal(alone[0], step[0][1])
+        assert again[1][2] == alone[1] == step[1][1]
+        for name, value in alone[4].items():
+            assert value == step[4][name][1] == again[4][name][2], name
+
+
+def test_a_state_of_another_task_is_refused_and_nothing_is_lost():
+    carry, slosh = (FluidEnv(name, difficulty="easy", device="cpu") for name in ("CarryTank", "SloshDamp"))
+    carry.reset(seed=1)
+    slosh.reset(seed=1)
+    before = carry.get_state()
+    with pytest.raises(ValueError, match=r"state '.*' has shape .*; give what get_state gave, of the same task"):
+        carry.set_state(slosh.get_state())
+    with pytest.raises(ValueError, match=r"state 'task.place' has shape None"):
+        carry.set_state({name: value for name, value in before.items() if name != "task.place"})
+    for name, value in carry.get_state().items():
+        np.testing.assert_array_equal(value, before[name])
+    with pytest.raises(IndexError, match="world = 3 is outside 0 to 0"):
+        carry.solver.save_world(3)
+
+
 # -- what the tasks are about ------------------------------------------------------------------------------------
 
 

@@ -56,6 +56,7 @@ class CarryTank(FluidTask):
         "medium": Level(variation=0.6),
         "hard": Level(variation=1.0, disturbance=0.03, viscosity=1e-3, resolution={2: 20, 3: 12}),
     }
+    memory = ("place", "velocity", "target", "_effort")
     gain = "arrival"
     costs: ClassVar = {"spill": 1.0, "unrest": 1.0, "effort": 0.05}
 

@@ -70,6 +70,7 @@ class DamBreakContain(FluidTask):
         "medium": Level(),
         "hard": Level(variation=1.0, disturbance=0.05, viscosity=1e-3, resolution={2: 24, 3: 12}),
     }
+    memory = ("_effort",)
     gain = "containment"
     costs: ClassVar = {"effort": 0.05, "splash": 0.2, "spread": 0.1}
     numbers: ClassVar = [(0.0, 1.0), (-1.0, 1.0)]

@@ -53,6 +53,7 @@ class JetFill(FluidTask):
         "medium": Level(variation=0.7),
         "hard": Level(variation=1.0, disturbance=0.1, viscosity=1e-3, resolution={2: 20}),
     }
+    memory = ("speed", "slope", "height", "_effort")
     gain = "fill"
     costs: ClassVar = {"spill": 1.0, "effort": 0.05}
     actions = 2

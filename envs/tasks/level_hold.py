@@ -53,6 +53,7 @@ class LevelHold(FluidTask):
         "medium": Level(variation=0.8),
         "hard": Level(variation=1.0, disturbance=0.05, viscosity=1e-3, resolution={2: 20}),
     }
+    memory = ("speed", "_plan", "_effort")
     gain = "hold"
     costs: ClassVar = {"splash": 0.2, "effort": 0.05}
     numbers: ClassVar = [(0.0, 1.0), (0.0, 1.0), (0.0, 1.0)]

@@ -48,6 +48,7 @@ class SloshDamp(FluidTask):
         "medium": Level(variation=0.7, disturbance=0.08),
         "hard": Level(variation=1.0, disturbance=0.1, viscosity=1e-3, resolution={2: 20}),
     }
+    memory = ("_effort",)
     gain = "calm"
     costs: ClassVar = {"effort": 0.1}
     numbers: ClassVar = [(-1.0, 1.0), (-1.0, 1.0), (-1.0, 1.0)]

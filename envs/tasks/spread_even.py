@@ -44,6 +44,7 @@ class SpreadEven(FluidTask):
         "medium": Level(variation=0.7),
         "hard": Level(variation=1.0, disturbance=0.02, viscosity=1e-3, resolution={2: 24}),
     }
+    memory = ("slope", "rate", "_effort")
     gain = "evenness"
     costs: ClassVar = {"splash": 0.1, "effort": 0.05}
     numbers: ClassVar = [(-1.0, 1.0), (-1.0, 1.0)]

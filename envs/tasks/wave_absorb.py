@@ -49,6 +49,7 @@ class WaveAbsorb(FluidTask):
         "medium": Level(variation=0.7),
         "hard": Level(variation=1.0, disturbance=0.003, viscosity=1e-4, resolution={2: 16}),
     }
+    memory = ("_effort", "_making")
     gain = "calm"
     costs: ClassVar = {"effort": 0.1}
     numbers: ClassVar = [(-1.0, 1.0), (-1.0, 1.0), (-1.0, 1.0)]
