@@ -45,6 +45,8 @@ class Task(ABC):
         scene: What is simulated, with the largest start there can be.
         scheme: How.
         fidelity: Name of the trade-off that the scheme is of, a key of `FIDELITIES`; None for a scheme of one's own.
+        dim: Number of dimensions.
+        grid: Cells of the coarse grid that is seen, along (z,) y and x.
         resolution: Particles along the length that the task counts them along.
         control_interval: Time between actions [s].
         max_episode_steps: Actions in an episode; it is truncated after them.
@@ -59,6 +61,8 @@ class Task(ABC):
     scene: Scene
     scheme: Scheme = DEFAULT_SCHEME
     fidelity: str | None = DEFAULT_FIDELITY
+    dim: int
+    grid: tuple[int, ...]
     resolution: int
     control_interval: float
     max_episode_steps: int

@@ -14,7 +14,10 @@ EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 RUNS = {
     "ancestors.py": ["--device", "cpu", "--quick"],
     "dam_break.py": ["--device", "cpu", "--resolution", "24", "--seconds", "0.8"],
+    "cross_entropy.py": ["--worlds", "8", "--rounds", "2", "--episodes", "2"],
     "many_worlds.py": ["--device", "cpu", "--worlds", "4", "--steps", "10", "--resolution", "12"],
+    "ppo.py": ["--worlds", "8", "--steps", "1100", "--episodes", "2", "--device", "cpu"],
+    "sb3_ppo.py": ["--worlds", "8", "--steps", "600"],
     "script_the_solver.py": ["--device", "cpu", "--resolution", "12"],
 }
 
