@@ -10,12 +10,15 @@ import subprocess
 import sys
 from pathlib import Path
 
+import gymnasium
 import numpy as np
 import pytest
 from PIL import Image
 
 from fluidgym import accuracy_card, benchmark, paraview, recording, speed
-from fluidgym.__main__ import main
+from fluidgym.__main__ import _environments, main
+from fluidgym.envs.evaluation import evaluate
+from fluidgym.envs.tasks.carry_tank import CarryTank
 from fluidgym.envs.tasks.dam_break_contain import DamBreakContain
 from fluidgym.layout import Parameters, make_structure
 from fluidgym.scene_file import load
@@ -324,9 +327,13 @@ def coarse_envs(monkeypatch):
         monkeypatch.setitem(CASES, name, dataclasses.replace(case, **changes))
 
 
-def test_cards_of_all_environments_are_a_table_a_file_and_a_page(coarse_envs, tmp_path, monkeypatch, capsys):
+def test_cards_are_of_all_environments_if_none_is_named():
+    assert list(_environments([])) == [env_id for env_id in gymnasium.registry if env_id.startswith("fluidgym/")]
+
+
+def test_cards_of_environments_are_a_table_a_file_and_a_page(coarse_envs, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    assert main(["card", "--device", "cpu", "--json", "out.json", "--markdown", "page.md"]) == 0
+    assert main(["card", *CARD_IDS, "--device", "cpu", "--json", "out.json", "--markdown", "page.md"]) == 0
     machine, *cards = json.loads(Path("out.json").read_text())
     assert machine["machine"]["threads"] == "1"
     assert [(card["env_id"], card["fidelity"]) for card in cards] == [
@@ -337,7 +344,7 @@ def test_cards_of_all_environments_are_a_table_a_file_and_a_page(coarse_envs, tm
     assert printed[0].startswith("device CPU")
     assert sum(line.startswith("DamBreakContain") for line in printed) == 6
     page = Path("page.md").read_text()
-    assert "```bash\npython -m fluidgym card --device cpu --markdown page.md\n```" in page
+    assert f"```bash\npython -m fluidgym card {' '.join(CARD_IDS)} --device cpu --markdown page.md\n```" in page
     assert all(f"## {env_id}" in page for env_id in CARD_IDS)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out.json", "page.md"]
 
@@ -360,7 +367,7 @@ def test_an_interrupt_keeps_the_cards_that_are_finished(coarse_envs, tmp_path, m
 
     monkeypatch.setitem(CASES, "dam-break-3d", dataclasses.replace(case, observe=observe))
     out, page = tmp_path / "out.json", tmp_path / "page.md"
-    options = ["--fidelity", "fast", "--device", "cpu", "--json", str(out), "--markdown", str(page)]
+    options = [*CARD_IDS, "--fidelity", "fast", "--device", "cpu", "--json", str(out), "--markdown", str(page)]
     assert main(["card", *options]) == 130
     assert [card["env_id"] for card in json.loads(out.read_text())[1:]] == CARD_IDS[:1]
     assert f"## {CARD_IDS[0]}" in page.read_text()
@@ -744,3 +751,55 @@ def test_a_run_goes_to_a_folder_named_after_its_file(small, monkeypatch):
     monkeypatch.chdir(small.parent)
     assert main(["run", "small.toml", "--film", "none", "--duration", "0.01", "--device", "cpu"]) == 0
     assert (small.parent / "outputs" / "small" / "series.csv").exists()
+
+
+# -- controllers -------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def short_carry(monkeypatch):
+    monkeypatch.setattr(CarryTank, "duration", 0.2)
+
+
+def test_controllers_are_scored_on_held_out_seeds(short_carry, tmp_path, capsys):
+    out = tmp_path / "scores.json"
+    options = ["--difficulty", "easy", "--episodes", "3", "--device", "cpu", "--json", str(out)]
+    assert main(["evaluate", "CarryTank2D-v0", *options]) == 0
+    printed = capsys.readouterr().out.splitlines()
+    assert [line.split(":")[0] for line in printed] == [
+        "fluidgym/CarryTank2D-v0 easy null",
+        "fluidgym/CarryTank2D-v0 easy scripted",
+    ]
+    rows = json.loads(out.read_text())
+    expected = evaluate("scripted", "CarryTank", episodes=3, difficulty="easy", device="cpu")
+    assert rows[1]["mean"] == pytest.approx(expected.mean)
+    assert (rows[1]["policy"], rows[1]["episodes"], rows[1]["diverged"]) == ("scripted", 3, 0)
+    assert set(rows[1]["parts"]) == {"arrival", "spill", "unrest", "effort"}
+
+
+def test_a_controller_is_shown_in_a_film(short_carry, tmp_path, capsys):
+    film = tmp_path / "film.gif"
+    options = ["--difficulty", "easy", "--device", "cpu", "--film", str(film)]
+    assert main(["play", "fluidgym/CarryTank2D-v0", *options]) == 0
+    assert Image.open(film).n_frames == 4
+    assert "fluidgym/CarryTank2D-v0 easy scripted: return" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ("evaluate Tsunami2D-v0", "unknown environment Tsunami2D-v0; known are fluidgym/DamBreakContain2D-v0"),
+        ("evaluate CarryTank2D-v0 --policy gone.npz", "policy = 'gone.npz' does not exist"),
+        ("evaluate CarryTank2D-v0 --difficulty mean", "difficulty = 'mean' is unknown; use 'easy', 'medium', 'hard'"),
+        ("evaluate CarryTank2D-v0 --episodes 0 --difficulty easy", "episodes = 0 is outside 1 to"),
+        ("play CarryTank2D-v0 --policy gone.npz", "policy = 'gone.npz' does not exist"),
+        ("play CarryTank2D-v0 --film here/there.gif", "--film here/there.gif: there is no such folder"),
+        ("play CarryTank2D-v0 --seed -1 --film a.gif --difficulty easy", "seed = -1 must be a whole number"),
+    ],
+)
+def test_controllers_that_cannot_play_are_refused_in_one_line(arguments, said, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(arguments.split()) == 2
+    error = capsys.readouterr().err
+    assert said in error
+    assert len([line for line in error.splitlines() if not line.startswith("Warp")]) == 1

@@ -309,7 +309,7 @@ def test_a_jet_follows_the_path_of_a_bullet():
     env = FluidEnv("JetFill", resolution=20, variation=0.0, device="cpu")
     env.reset(seed=0)
     for _ in range(14):  # what came out while the valve opened has fallen by then
-        env.step([0.75, 0.0])
+        env.step([0.2, 0.0])
     x = env.solver.particles().position
     front = (x[:, 0] > 0.4) & (x[:, 0] < 0.9)
     end = jet_fill.NOZZLE[0] + 5.0 * env.task.spacing

@@ -17,19 +17,19 @@ from fluidgym.solver import Solver
 JET = 0.1  # width of the jet [m]
 NOZZLE = (0.1, 1.3)  # back of the pipe, on average [m]
 LIFT = 0.2  # most that its height differs from that [m]
-BUCKET = (1.2, 0.2)  # lower left corner of what it holds [m]
+BUCKET = (0.9, 0.2)  # lower left corner of what it holds [m]
 INSIDE = (0.8, 0.7)  # width and depth of that [m]
 THICK = 0.1  # its walls and floor [m]
 FULL = 0.5  # share of that which is to be filled
-FASTEST = 4.0  # jet [m/s]
+FASTEST = 5.0  # jet [m/s]
 STEEPEST = 0.6  # slope of the jet at the nozzle, up or down
 
 
 class JetFill(FluidTask):
     """A nozzle at the left throws a jet into the air; it is to fill a bucket at the right and then to stop.
 
-    Action (2,): the speed of the jet, which is off at 0 and below, as a share of the largest; and its slope at the
-    nozzle, as a share of the steepest, positive upwards. Speed and slope follow at a limited rate.
+    Action (2,): the speed of the jet, off at -1 and the largest at 1; and its slope at the nozzle, as a share of the
+    steepest, positive upwards. Speed and slope follow at a limited rate.
 
     Observation: the fluid on a coarse grid; speed (0 to 1) and slope (-1 to 1) of the jet, the height of the nozzle
     (-1 to 1), how full the bucket is (0 to 1), and the time.
@@ -130,7 +130,7 @@ class JetFill(FluidTask):
         """Open or shut the valve and turn the nozzle, as fast as they go."""
         speed, slope = self.speed, self.slope
         step = self._follow * FASTEST, self._follow * STEEPEST
-        self.speed = (FASTEST * actions[:, 0].clip(0.0, 1.0)).clip(speed - step[0], speed + step[0])
+        self.speed = (0.5 * FASTEST * (1.0 + actions[:, 0])).clip(speed - step[0], speed + step[0])
         self.slope = (STEEPEST * actions[:, 1]).clip(slope - step[1], slope + step[1])
         self._effort = rewards.effort((self.speed - speed) / step[0], (self.slope - slope) / step[1])
         self.solver.gravity[:, 0] = 0.0
@@ -172,5 +172,9 @@ class JetFill(FluidTask):
         speed = away * np.sqrt(0.5 * GRAVITY * (1.0 + slope * slope) / (slope * away + fall))
         aimed = self.slope > 0.9 * slope
         in_air = (1.0 - self.fluid["in_zone"]) * self.fluid["live"] / self.whole
-        wanted = np.where(aimed & (self.filled() + in_air < 1.1), speed / FASTEST, 0.0)
+        wanted = np.where(aimed & (self.filled() + in_air < 1.1), 2.0 * speed / FASTEST - 1.0, -1.0)
         return np.stack([wanted, np.full_like(wanted, slope / STEEPEST)], axis=1)
+
+    def null(self) -> np.ndarray:
+        """Leave the jet off."""
+        return np.tile([-1.0, 0.0], (self.solver.num_worlds, 1))
