@@ -23,9 +23,8 @@ from fluidgym.envs.policy import Policy
 HORIZON = 64  # steps of each world between updates
 EPOCHS, BATCHES = 8, 8
 RATE = 5e-4
-GAMMA, LAMBDA = 0.98, 0.95
+GAMMA, LAMBDA = 0.99, 0.95
 CLIP = 0.2
-ENTROPY = 1e-3
 HIDDEN = 64
 
 
@@ -161,7 +160,7 @@ def learn(agent, optimiser, data, gain):
             a = gain[batch]
             a = (a - a.mean()) / (a.std() + 1e-8)
             surrogate = torch.min(ratio * a, ratio.clamp(1.0 - CLIP, 1.0 + CLIP) * a).mean()
-            loss = -surrogate + 0.5 * (value - target[batch]).square().mean() - ENTROPY * gauss.entropy().sum(1).mean()
+            loss = -surrogate + 0.5 * (value - target[batch]).square().mean()
             optimiser.zero_grad()
             loss.backward()
             nn.utils.clip_grad_norm_(agent.parameters(), 0.5)

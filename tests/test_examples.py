@@ -14,6 +14,10 @@ EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 RUNS = {
     "ancestors.py": ["--device", "cpu", "--quick"],
     "dam_break.py": ["--device", "cpu", "--resolution", "24", "--seconds", "0.8"],
+    "baselines.py": [
+        *("fluidgym/SpreadEven2D-v0", "--seeds", "2", "--worlds", "8", "--steps", "1100", "--episodes", "2"),
+        *("--docs", ".", "--policies", "policies", "--device", "cpu"),
+    ],
     "cross_entropy.py": ["--worlds", "8", "--rounds", "2", "--episodes", "2"],
     "many_worlds.py": ["--device", "cpu", "--worlds", "4", "--steps", "10", "--resolution", "12"],
     "ppo.py": ["--worlds", "8", "--steps", "1100", "--episodes", "2", "--device", "cpu"],

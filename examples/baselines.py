@@ -1,0 +1,176 @@
+"""What controllers earn in every task: python examples/baselines.py [ID ...]
+
+For each task one that does nothing, the scripted one, and PPO (examples/ppo.py), trained anew with several seeds and
+scored on the held-out seeds of the test band. Leaves docs/baselines.json, the learning curves, the table in
+docs/tasks.md, and the best policy of each task by the validation band in examples/policies/. Tasks that are not named
+keep what they have. Wants PyTorch and matplotlib (pip install "fluidgym-sph[plot,ppo]"); an hour for two tasks.
+"""
+
+import argparse
+import json
+import math
+import time
+from pathlib import Path
+
+import gymnasium as gym
+import matplotlib
+import numpy as np
+from ppo import train
+from tqdm import tqdm
+
+from fluidgym.envs import FluidEnv, FluidVectorEnv
+from fluidgym.envs.evaluation import TEST, VALIDATION, evaluate
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+
+HERE = Path(__file__).resolve().parent
+TABLE = "<!-- baselines -->"
+WORLDS = (1, 8, 64)
+
+
+def interval(values: list[float]) -> list[float]:
+    """Mean and half of the 95 % interval of a few values, by Student's t."""
+    factors = {2: 12.71, 3: 4.303, 4: 3.182, 5: 2.776}
+    n = len(values)
+    margin = factors.get(n, 1.96) * float(np.std(values, ddof=1)) / math.sqrt(n) if n > 1 else math.nan
+    return [float(np.mean(values)), margin]
+
+
+def rates(options: dict, steps: int = 20) -> dict[str, float]:
+    """Environment steps a second in batches of several sizes, random actions."""
+    found = {}
+    for worlds in WORLDS:
+        envs = FluidVectorEnv(worlds, **options)
+        envs.reset(seed=0)
+        envs.action_space.seed(0)
+        actions = [envs.action_space.sample() for _ in range(steps + 5)]
+        for action in actions[:5]:
+            envs.step(action)
+        begin = time.perf_counter()
+        for action in actions[5:]:
+            envs.step(action)
+        found[str(worlds)] = steps * worlds / (time.perf_counter() - begin)
+        envs.close()
+    return found
+
+
+def measure(env_id: str, chosen: argparse.Namespace) -> dict:
+    """Score a task's controllers."""
+    options = {**gym.spec(env_id).kwargs, "difficulty": chosen.difficulty, "device": chosen.device}
+    env = FluidEnv(**options)
+    env.reset(seed=0)
+    row: dict = {"particles": env.solver.account().live, "difficulty": chosen.difficulty}
+    finer = {**options, "resolution": 2 * env.task.resolution}
+    env.close()
+    row["env_steps_per_s"] = rates(options)
+    for name in ("null", "scripted"):
+        score = evaluate(name, episodes=chosen.episodes, seeds=TEST, **options)
+        row[name] = {"mean": score.mean, "margin": score.margin, "parts": score.parts}
+    best, scores, row["curves"] = None, [], []
+    for seed in range(chosen.seeds):
+        policy, curve = train(
+            env_id, chosen.difficulty, chosen.worlds, chosen.steps, chosen.minutes, seed, chosen.device, None
+        )
+        validated = evaluate(policy, episodes=chosen.episodes, seeds=VALIDATION, **options).mean
+        scores.append(evaluate(policy, episodes=chosen.episodes, seeds=TEST, **options).mean)
+        row["curves"].append(thinned(curve))
+        if best is None or validated > best[0]:
+            best = validated, policy
+        print(f"{env_id} PPO, seed {seed}: {scores[-1]:.1f} ({policy.about['steps']} steps)", flush=True)
+    mean, margin = interval(scores)
+    row["ppo"] = {"mean": mean, "margin": margin, "scores": scores, "minutes": chosen.minutes}
+    if best is not None:
+        row["ppo"]["steps"] = best[1].about["steps"]
+        row["ppo"]["twice the resolution"] = evaluate(best[1], episodes=chosen.episodes, seeds=TEST, **finer).mean
+        row["scripted"]["twice the resolution"] = evaluate(
+            "scripted", episodes=chosen.episodes, seeds=TEST, **finer
+        ).mean
+        folder = chosen.policies
+        folder.mkdir(exist_ok=True)
+        best[1].save(folder / f"{env_id.rpartition('/')[2]}.npz")
+    return row
+
+
+def thinned(curve: list[tuple[int, float]], points: int = 60) -> list[list[float]]:
+    """Means of a learning curve over equal stretches: steps and return."""
+    pieces = [piece for piece in np.array_split(np.asarray(curve, float), points) if len(piece)]
+    return [[float(piece[:, 0].mean()), float(piece[:, 1].mean())] for piece in pieces]
+
+
+def draw(rows: dict, path: Path) -> None:
+    """The learning curves beside what the others earn."""
+    names = list(rows)
+    columns = min(4, len(names))
+    figure, axes = plt.subplots(
+        -(-len(names) // columns), columns, figsize=(3.4 * columns, 2.6 * -(-len(names) // columns)), squeeze=False
+    )
+    for axis in axes.flat[len(names) :]:
+        axis.set_axis_off()
+    for axis, name in zip(axes.flat, names, strict=False):
+        row = rows[name]
+        for curve in filter(None, row["curves"]):  # none where no episode has ended
+            steps, returns = np.transpose(curve)
+            axis.plot(steps / 1000.0, returns, color="tab:blue", linewidth=1.0)
+        for who, colour in (("null", "tab:gray"), ("scripted", "tab:orange")):
+            axis.axhline(row[who]["mean"], color=colour, linewidth=1.0, linestyle="--", label=who)
+        axis.set_title(name.rpartition("/")[2], fontsize=9)
+        axis.tick_params(labelsize=7)
+        axis.set_xlabel("thousand environment steps", fontsize=7)
+        axis.set_ylabel("return", fontsize=7)
+    axes[0][0].plot([], [], color="tab:blue", label="PPO, with its noise")
+    axes[0][0].legend(fontsize=7)
+    figure.tight_layout()
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+def table(rows: dict) -> str:
+    """The rows as Markdown."""
+    lines = [
+        "| id | particles | env steps/s with 1, 8, 64 worlds | null | scripted | PPO | twice the resolution: scripted,"
+        " PPO |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    for name, row in rows.items():
+        speeds = ", ".join(f"{row['env_steps_per_s'][str(worlds)]:.0f}" for worlds in WORLDS)
+        plain = [f"{row[who]['mean']:.1f} ± {row[who]['margin']:.1f}" for who in ("null", "scripted")]
+        ppo = row["ppo"]
+        runs = f"{ppo['mean']:.1f}" + (f" ± {ppo['margin']:.1f}" if len(ppo["scores"]) > 1 else " (one run)")
+        finer = [row[who].get("twice the resolution", math.nan) for who in ("scripted", "ppo")]
+        cells = [f"`{name.rpartition('/')[2]}`", str(row["particles"]), speeds, *plain, runs]
+        lines.append(f"| {' | '.join(cells)} | {finer[0]:.1f}, {finer[1]:.1f} |")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("ids", nargs="*", metavar="ID", help="environments (default: all in 2D)")
+    parser.add_argument("--difficulty", default="easy", help="easy, medium or hard (default: easy)")
+    parser.add_argument("--seeds", type=int, default=3, help="runs of each (default: 3)")
+    parser.add_argument("--worlds", type=int, default=32, help="(default: 32)")
+    parser.add_argument("--steps", type=int, default=1_000_000, help="of a run at most (default: a million)")
+    parser.add_argument("--minutes", type=float, default=10.0, help="of a run at most (default: 10)")
+    parser.add_argument("--episodes", type=int, default=32, help="to score with (default: 32)")
+    parser.add_argument("--device", default=None, help="of the fluid (default: a GPU where there is one)")
+    parser.add_argument("--docs", type=Path, default=HERE.parent / "docs", help="folder (default: docs)")
+    parser.add_argument("--policies", type=Path, default=HERE / "policies", help="folder (default: examples/policies)")
+    chosen = parser.parse_args()
+    every = [name for name in gym.registry if name.startswith("fluidgym/") and "2D" in name]
+    kept = chosen.docs / "baselines.json"
+    rows = json.loads(kept.read_text()) if kept.exists() else {}
+    for env_id in tqdm(chosen.ids or every, unit="task", disable=None):
+        rows[env_id] = measure(env_id, chosen)
+        rows = {name: rows[name] for name in gym.registry if name in rows}
+        kept.write_text(json.dumps(rows))
+        draw(rows, chosen.docs / "learning_curves.png")
+        page = chosen.docs / "tasks.md"
+        if page.exists():
+            before, _, rest = page.read_text().partition(TABLE)
+            _, _, after = rest.partition(TABLE)
+            page.write_text(f"{before}{TABLE}\n\n{table(rows)}\n\n{TABLE}{after}")
+        print(table({env_id: rows[env_id]}), flush=True)
+
+
+if __name__ == "__main__":
+    main()
