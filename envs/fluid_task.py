@@ -298,7 +298,7 @@ class FluidTask(Task):
     def face_motion(self, face: int) -> tuple[np.ndarray, np.ndarray]:
         """Position [m] and velocity [m/s] of a face, each (world,)."""
         faces = self.solver.state.faces
-        return tuple(values.numpy()[:, face].astype(float) for values in (faces.position, faces.velocity))  # pyright: ignore
+        return faces.position.numpy()[:, face].astype(float), faces.velocity.numpy()[:, face].astype(float)
 
     def gone(self) -> np.ndarray:
         """Particles that have left the world, (world,)."""

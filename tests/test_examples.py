@@ -18,7 +18,7 @@ RUNS = {
         *("fluidgym/SpreadEven2D-v0", "--seeds", "2", "--worlds", "8", "--steps", "1100", "--episodes", "2"),
         *("--docs", ".", "--policies", "policies", "--device", "cpu"),
     ],
-    "cross_entropy.py": ["--worlds", "8", "--rounds", "2", "--episodes", "2"],
+    "cross_entropy.py": ["fluidgym/SpreadEven2D-v0", "--worlds", "8", "--rounds", "2", "--episodes", "2"],
     "many_worlds.py": ["--device", "cpu", "--worlds", "4", "--steps", "10", "--resolution", "12"],
     "ppo.py": ["--worlds", "8", "--steps", "1100", "--episodes", "2", "--device", "cpu"],
     "sb3_ppo.py": ["--worlds", "8", "--steps", "600"],

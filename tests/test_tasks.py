@@ -7,6 +7,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from gymnasium.wrappers.vector import DictInfoToList
 
 import fluidgym
 from fluidgym.envs import TASKS, FluidEnv, FluidVectorEnv, make_task, rewards
@@ -362,3 +363,14 @@ def test_the_wavemaker_sends_three_waves_and_rests():
 
 def test_packages_have_what_they_list():
     assert set(TASKS) == set(fluidgym._TASKS)
+
+
+def test_infos_become_a_dict_for_each_world():
+    envs = DictInfoToList(easy("fluidgym/CarryTank2D-v0", 2, episode=0.1, autoreset_mode="SameStep"))
+    _, infos = envs.reset(seed=1)
+    assert [info["time"] for info in infos] == [0.0, 0.0]
+    for _ in range(2):
+        *_, infos = envs.step(np.zeros((2, 1), np.float32))
+    assert len(infos) == 2
+    assert infos[1]["final_info"]["time"] == pytest.approx(0.1)
+    assert infos[1]["final_obs"].shape == envs.single_observation_space.shape
