@@ -22,6 +22,7 @@ RUNS = {
     "many_worlds.py": ["--device", "cpu", "--worlds", "4", "--steps", "10", "--resolution", "12"],
     "ppo.py": ["--worlds", "8", "--steps", "1100", "--episodes", "2", "--device", "cpu"],
     "sb3_ppo.py": ["--worlds", "8", "--steps", "600"],
+    "skrl_ppo.py": ["--worlds", "8", "--steps", "1100", "--episodes", "2", "--fluid", "cpu"],
     "script_the_solver.py": ["--device", "cpu", "--resolution", "12"],
 }
 
