@@ -78,8 +78,9 @@ def main() -> None:
         autoreset_mode="SameStep",
     )
     env = wrap_env(made, wrapper="gymnasium", verbose=False)
-    seen, acts = env.observation_space, env.action_space
-    models = {name: kind(seen, acts, chosen.device) for name, kind in (("policy", Actor), ("value", Critic))}
+    spaces: Any = env.observation_space, env.action_space
+    seen, acts = spaces
+    models: dict[str, Any] = {"policy": Actor(seen, acts, chosen.device), "value": Critic(seen, acts, chosen.device)}
     cfg = PPO_CFG(
         rollouts=chosen.horizon,
         learning_epochs=8,
