@@ -51,7 +51,7 @@ FEATURES = {
         DIFFUSIVE,
         {
             "advance_density": ["density_diffusion_", "halved"],
-            "gather": ["address(var_acceleration"],
+            "gather": ["(var_acceleration, "],
         },
     ),
     "density diffusion of a full box": (FULL, DIFFUSIVE, {"advance_density": ["density_diffusion_"]}),

@@ -22,7 +22,7 @@ HIGHER = 0.12  # most that the level asked for differs from that [m]
 NOZZLE_WIDTH = 0.2  # [m]
 FASTEST = 2.5  # out of the nozzle [m/s]
 START = 1.0  # out of the nozzle at the start [m/s]
-CONTRACTION = 0.75  # of the jet out of the slot; 0.61 for sharp edges and a deep tank (Kirchhoff)
+CONTRACTION = 0.61  # of a jet out of a slot with sharp edges (Kirchhoff)
 
 
 class LevelHold(FluidTask):
@@ -98,6 +98,7 @@ class LevelHold(FluidTask):
             gravity=GRAVITY,
             material=self.material(),
             reference_speed=1.2 * self.reference_speed,
+            reserve=math.ceil(0.35 * wide / self.spacing**2),  # 0.7 m in all
         )
         self._fluid = self.scene.sample()
 
