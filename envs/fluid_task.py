@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
+import warp as wp
 from gymnasium import spaces
 
 from fluidgym.checks import check_choice
@@ -208,7 +209,7 @@ class FluidTask(Task):
             solver.capacity,
             solver.device,
         )
-        self._frames: list[np.ndarray] = []
+        self._frames: list[Any] = []
         self._begun, self._stepped = np.zeros(worlds, bool), False
         self._steps = np.zeros(worlds, int)
         self._shaking = np.zeros((worlds, self.max_episode_steps))
@@ -309,24 +310,41 @@ class FluidTask(Task):
         """Share of the fluid that has left the world, (world,)."""
         return self.gone() / np.maximum(self.solver.started, 1)
 
-    def observe(self) -> np.ndarray:
-        """The coarse grid, the task's numbers and the time."""
+    def observe(self, output: str = "numpy") -> Any:
+        """The coarse grid, the task's numbers and the time.
+
+        Args:
+            output: "numpy", or "torch" for a tensor on the solver's device, where the grid stays.
+        """
         limits = np.asarray(self.numbers, float).reshape(-1, 2)
         state = [values.clip(low, high) for values, (low, high) in zip(self.state(), limits, strict=True)]
         time = (self.time() / self.episode).clip(0.0, 1.0)
-        channels = [self.coarse(), *[observations.solid_fraction(self.solver, self.grid)] * self.view.solid]
-        frame = self.view.frame(channels, np.stack([*state, time], axis=1))
+        numbers: Any = np.stack([*state, time], axis=1).astype(np.float32)
+        solid: list[Any] = [observations.solid_fraction(self.solver, self.grid)] * self.view.solid
+        if output == "torch":
+            import torch
+
+            now = self.solver.state.now
+            values = self._deposit.run_on_device(now.position, now.velocity, now.identity)
+            grid: Any = wp.to_torch(values).reshape(self._deposit.shape)
+            numbers, *solid = (torch.as_tensor(part, device=grid.device) for part in (numbers, *solid))
+        else:
+            grid = self.coarse()
+        frame = self.view.frame([grid, *solid], numbers)
         return frame if self.view.stack == 1 else self._stacked(frame)
 
-    def _stacked(self, frame: np.ndarray) -> np.ndarray:
+    def _stacked(self, frame: Any) -> Any:
         """The latest frames of each world; where an episode has begun, its first one again and again."""
         if self._stepped or not self._frames:
             self._frames = [*self._frames, frame][-self.view.stack :]
         self._frames = [frame] * (self.view.stack - len(self._frames)) + self._frames
-        on = ~self._begun.reshape(-1, *[1] * (frame.ndim - 1))
-        self._frames = [np.where(on, kept, frame) for kept in self._frames]
+        of = observations.library(frame)
+        on: Any = ~self._begun.reshape(-1, *[1] * (frame.ndim - 1))
+        if of is not np:
+            on = of.as_tensor(on, device=frame.device)
+        self._frames = [of.where(on, kept, frame) for kept in self._frames]
         self._begun[:], self._stepped = False, False
-        return np.concatenate(self._frames, axis=self.view.axis)
+        return observations.joined(self._frames, self.view.axis)
 
     def reward(self) -> np.ndarray:
         """The gain less the costs."""
@@ -345,14 +363,15 @@ class FluidTask(Task):
     def get_state(self, world: int) -> dict[str, np.ndarray]:
         """What a world's future depends on besides its solver: what the task remembers, and the frames at hand."""
         state = {name: getattr(self, name)[world].copy() for name in (*_MEMORY, *self.memory)}
-        return state | {f"frame_{n}": frame[world].copy() for n, frame in enumerate(self._frames)}
+        return state | {f"frame_{n}": observations.on_host(frame[world]) for n, frame in enumerate(self._frames)}
 
     def set_state(self, world: int, state: Mapping[str, np.ndarray]) -> None:
         """Put that back; the solver is as it is to be."""
         for name in (*_MEMORY, *self.memory):
             getattr(self, name)[world] = state[name]
         for n, frame in enumerate(self._frames):
-            frame[world] = state[f"frame_{n}"]
+            kept = state[f"frame_{n}"]
+            frame[world] = kept if observations.library(frame) is np else observations.library(frame).as_tensor(kept)
         self._begun[world] = False
         self.measure()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from fluidgym.checks import check_choice
 from fluidgym.envs import make_task
 from fluidgym.envs.runner import Outcome, Runner, check_seed, opened
 from fluidgym.envs.screen import MOST_TILES, RENDER_MODES, Screen
@@ -41,6 +43,7 @@ class FluidVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         render_mode: str | None = None,
         device: str | None = None,
         threads: int | None = None,
+        output: str = "numpy",
         **options: Any,
     ):
         """Make the worlds.
@@ -56,11 +59,17 @@ class FluidVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             render_mode: "rgb_array", "human" (up to 16 worlds side by side), or None.
             device: "cpu", "cuda", ...; None takes a GPU where there is one.
             threads: How many threads of a CPU share the worlds, at most; None is as many as there are processors.
+            output: "numpy", or "torch": observations, rewards and ends are tensors on the device of the fluid, which
+                observations never leave; actions may be tensors, too. Infos are arrays of NumPy's either way.
             options: What the task takes; see its class.
 
         Raises:
             ValueError: An argument is out of its limits.
         """
+        check_choice("output", output, ("numpy", "torch"), "'numpy' or 'torch'")
+        if output == "torch" and options.get("obs") == "image":
+            raise ValueError("output = 'torch' has no images; use obs='grid', or output='numpy'")
+        self._torch = _find_torch() if output == "torch" else None
         posed = make_task(task, **options)
         self._screen = Screen(render_mode, posed.control_interval)
         self._mode = _autoreset_mode(autoreset_mode)
@@ -75,7 +84,7 @@ class FluidVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.action_space = batch_space(posed.action_space, num_envs)
         self._action_shape = posed.action_space.shape
         self._ended = np.zeros(num_envs, bool)
-        self._runner: Runner | None = Runner(posed, num_envs, device, max_episode_steps, threads)
+        self._runner: Runner | None = Runner(posed, num_envs, device, max_episode_steps, threads, output)
 
     @property
     def task(self) -> Task:
@@ -89,7 +98,7 @@ class FluidVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[np.ndarray, dict[str, Any]]:
+    ) -> tuple[Any, dict[str, Any]]:
         """Begin an episode in all worlds, or in some.
 
         Args:
@@ -108,7 +117,7 @@ class FluidVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._show()
         return outcome.observation, _with_masks(outcome.info, worlds)
 
-    def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """Go on by one control interval in all worlds.
 
         Raises:
@@ -117,6 +126,8 @@ class FluidVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             ClosedEnvironmentError: The environment is closed.
         """
         runner = opened(self._runner, "step", begun=True)
+        if self._torch is not None and isinstance(actions, self._torch.Tensor):
+            actions = actions.detach().cpu().numpy()
         checked = runner.check_actions(actions, "actions", (self.num_envs, *self._action_shape))
         renewed = self._ended
         if self._mode == AutoresetMode.DISABLED and renewed.any():
@@ -137,7 +148,13 @@ class FluidVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             _merge(outcome, self._begin(ended), ended)
         self._show()
         info = {**final, **_with_masks(outcome.info, np.ones(self.num_envs, bool))}
-        return outcome.observation, outcome.reward, outcome.terminated, outcome.truncated, info
+        reward: Any = outcome.reward
+        terminated: Any = outcome.terminated
+        truncated: Any = outcome.truncated
+        if self._torch is not None:
+            to = partial(self._torch.as_tensor, device=outcome.observation.device)
+            reward, terminated, truncated = to(reward.astype(np.float32)), to(terminated), to(truncated)
+        return outcome.observation, reward, terminated, truncated, info
 
     def get_state(self, world: int) -> dict[str, np.ndarray]:
         """All that the future of a world depends on, as arrays by name: for planning, and to go on from later.
@@ -189,7 +206,8 @@ class FluidVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         ended = self._ended
         observations = np.full(self.num_envs, None, dtype=object)
         for world in np.flatnonzero(ended):
-            observations[world] = outcome.observation[world].copy()
+            one = outcome.observation[world]
+            observations[world] = one.copy() if self._torch is None else one.clone()
         return {
             "final_obs": observations,
             "_final_obs": ended.copy(),
@@ -229,6 +247,19 @@ class FluidVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if self.render_mode == "human":
             runner = opened(self._runner, "render")
             self._screen.show([runner.frame(world) for world in range(min(self.num_envs, MOST_TILES))])
+
+
+def _find_torch() -> Any:
+    """PyTorch.
+
+    Raises:
+        ValueError: It is not installed.
+    """
+    try:
+        import torch
+    except ImportError:
+        raise ValueError("output = 'torch' wants PyTorch, which is not installed; pip install torch") from None
+    return torch
 
 
 def _check_count(name: str, count: Any) -> None:

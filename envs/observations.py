@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from gymnasium import spaces
@@ -117,20 +117,18 @@ class View:
         low, high = (np.concatenate([side] * stack) for side in sides)
         self.space = spaces.Box(low, high, dtype=np.float32)
 
-    def frame(self, channels: Sequence[np.ndarray], numbers: np.ndarray) -> np.ndarray:
-        """One frame of each world.
+    def frame(self, channels: Sequence[Any], numbers: Any) -> Any:
+        """One frame of each world, an array of NumPy's or, but for images, a tensor of PyTorch's, as the parts are.
 
         Args:
-            channels: Parts of the grid, each (world, channel, *grid).
-            numbers: (world, number).
+            channels: Parts of the grid, each (world, channel, *grid), float32.
+            numbers: (world, number), float32.
         """
-        numbers = numbers.astype(np.float32)
         if self.kind == "flat":
-            flat = [channel.reshape(len(channel), -1) for channel in channels]
-            return np.concatenate([*flat, numbers], axis=1, dtype=np.float32)
+            return joined([*(channel.reshape(len(channel), -1) for channel in channels), numbers], 1)
         shape = (*numbers.shape, *self.grid)
-        filled = np.broadcast_to(numbers.reshape(*numbers.shape, *[1] * len(self.grid)), shape)
-        grid = np.concatenate([*channels, filled], axis=1, dtype=np.float32)
+        filled = library(numbers).broadcast_to(numbers.reshape(*numbers.shape, *[1] * len(self.grid)), shape)
+        grid = joined([*channels, filled], 1)
         if self.kind == "grid":
             return grid
         # A cell that is just full is white; a little more than full does not show.
@@ -144,6 +142,26 @@ class View:
     def axis(self) -> int:
         """The axis of a batch of frames along which they are stacked."""
         return -1 if self.kind == "image" else 1
+
+
+def library(values: Any) -> Any:
+    """NumPy or PyTorch: whose the values are."""
+    if isinstance(values, np.ndarray):
+        return np
+    import torch
+
+    return torch
+
+
+def on_host(values: Any) -> np.ndarray:
+    """A copy as an array of NumPy's."""
+    return (values if isinstance(values, np.ndarray) else values.cpu().numpy()).copy()
+
+
+def joined(parts: Sequence[Any], axis: int) -> Any:
+    """Arrays or tensors one after another."""
+    of = library(parts[0])
+    return (np.concatenate if of is np else of.cat)(list(parts), axis)
 
 
 def solid_fraction(solver: Solver, grid: Sequence[int]) -> np.ndarray:

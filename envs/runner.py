@@ -18,14 +18,14 @@ class Outcome:
     """What is known of the worlds after a step or at a start.
 
     Attributes:
-        observation: (world, ...), float32.
+        observation: (world, ...), an array, or a tensor of PyTorch's.
         reward: (world,).
         terminated: bool (world,).
         truncated: bool (world,).
         info: Arrays (world,).
     """
 
-    observation: np.ndarray
+    observation: Any
     reward: np.ndarray
     terminated: np.ndarray
     truncated: np.ndarray
@@ -47,6 +47,7 @@ class Runner:
         device: str | None,
         max_episode_steps: int | None = None,
         threads: int | None = None,
+        output: str = "numpy",
     ):
         """Make the worlds.
 
@@ -56,8 +57,9 @@ class Runner:
             device: "cpu", "cuda", ...; None takes a GPU where there is one.
             max_episode_steps: Episodes are truncated after so many steps, or where the task ends if that is earlier.
             threads: Of a CPU, that share the worlds at most; None is as many as there are processors.
+            output: What observations are: "numpy" or "torch".
         """
-        self.task = task
+        self.task, self._output = task, output
         self._limit = min(task.max_episode_steps, max_episode_steps or task.max_episode_steps)
         self._steps = np.zeros(num_worlds, int)
         self.solver = Solver(task.scene, task.scheme, num_worlds, device, threads=threads)
@@ -182,7 +184,9 @@ class Runner:
 
     def _outcome(self) -> Outcome:
         task = self.task
-        return Outcome(task.observe(), task.reward(), task.terminated(), self._steps >= self._limit, task.info())
+        return Outcome(
+            task.observe(self._output), task.reward(), task.terminated(), self._steps >= self._limit, task.info()
+        )
 
 
 def opened(runner: Runner | None, call: str, begun: bool = False) -> Runner:

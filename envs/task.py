@@ -129,8 +129,8 @@ class Task(ABC):
         """Look at the worlds as they are now."""
 
     @abstractmethod
-    def observe(self) -> np.ndarray:
-        """Observations, (world, ...): a new array."""
+    def observe(self, output: str = "numpy") -> Any:
+        """Observations, (world, ...): a new array, or with "torch" a new tensor on the solver's device."""
 
     @abstractmethod
     def parts(self) -> dict[str, np.ndarray]:

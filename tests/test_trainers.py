@@ -1,9 +1,11 @@
 """What trainers are handed: the adapter for Stable-Baselines3, policies in files, evaluation on held-out seeds."""
 
+import sys
 from itertools import pairwise
 
 import numpy as np
 import pytest
+import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
@@ -145,3 +147,44 @@ def test_evaluation_refuses_what_does_not_fit():
         evaluate(make_policy(5, 2), "SloshDamp", **SHORT)
     with pytest.raises(ValueError, match="episodes = 0 is outside 1 to"):
         evaluate("null", "SloshDamp", episodes=0, **SHORT)
+
+
+# -- tensors -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+@pytest.mark.parametrize("options", [{}, {"obs": "grid", "solid": True, "stack": 2}])
+def test_tensors_are_what_the_arrays_are(mode, options):
+    both = [
+        FluidVectorEnv(3, "DamBreakGate", autoreset_mode=mode, output=output, **options, **SHORT)
+        for output in ("numpy", "torch")
+    ]
+    arrays, tensors = both
+    (a, _), (b, _) = (envs.reset(seed=5) for envs in both)
+    kept, first = b.clone(), b
+    np.testing.assert_array_equal(b.numpy(), a)
+    rng = np.random.default_rng(0)
+    for step in range(14):
+        action = rng.uniform(-1.0, 1.0, (3, 1)).astype(np.float32)
+        mine, theirs = arrays.step(action), tensors.step(torch.as_tensor(action))
+        for array, tensor in zip(mine[:4], theirs[:4], strict=True):
+            assert isinstance(tensor, torch.Tensor)
+            np.testing.assert_array_equal(tensor.numpy(), array.astype(tensor.numpy().dtype))
+        if mode == "SameStep" and step % 6 == 5:
+            np.testing.assert_array_equal(theirs[4]["final_obs"][1].numpy(), mine[4]["final_obs"][1])
+    assert torch.equal(first, kept)  # no buffer that is written again
+    state = tensors.get_state(0)
+    arrays.set_state(2, state)
+    tensors.set_state(1, state)
+    action = np.full((3, 1), -0.5, np.float32)
+    np.testing.assert_array_equal(tensors.step(action)[0][1].numpy(), arrays.step(action)[0][2])
+
+
+def test_tensors_that_cannot_be_are_refused(monkeypatch):
+    with pytest.raises(ValueError, match="output = 'jax' is unknown; use 'numpy' or 'torch'"):
+        FluidVectorEnv(2, output="jax")
+    with pytest.raises(ValueError, match="output = 'torch' has no images"):
+        FluidVectorEnv(2, output="torch", obs="image")
+    monkeypatch.setitem(sys.modules, "torch", None)
+    with pytest.raises(ValueError, match="output = 'torch' wants PyTorch, which is not installed"):
+        FluidVectorEnv(2, output="torch")

@@ -153,7 +153,7 @@ class Deposit:
         self._sums = wp.zeros(sizes, dtype=wp.int64, device=device)
         self._values = wp.zeros(sizes, dtype=float, device=device)
         self._replay = Replay(device)
-        self._shape = (num_worlds, 1 + dim, *map(int, shape))
+        self.shape = (num_worlds, 1 + dim, *map(int, shape))
 
     def run(self, position: wp.array, velocity: wp.array, identity: wp.array) -> np.ndarray:
         """Deposit the particles.
@@ -166,6 +166,19 @@ class Deposit:
         Returns:
             Fluid fraction and the components of momentum, (world, 1 + dim, ny, nx) or (world, 1 + dim, nz, ny, nx).
         """
+        return self.run_on_device(position, velocity, identity).numpy().reshape(self.shape).copy()
+
+    def run_on_device(self, position: wp.array, velocity: wp.array, identity: wp.array) -> wp.array:
+        """Deposit the particles, and leave it on the device.
+
+        Args:
+            position: [m], (dim, slot).
+            velocity: [m/s], (dim, slot).
+            identity: Negative for retired particles, (slot,).
+
+        Returns:
+            As of `run`, (world, 1 + dim, cell); the next call overwrites it.
+        """
 
         def launch() -> None:
             slots = self._num_worlds * self._capacity
@@ -176,4 +189,4 @@ class Deposit:
             wp.launch(self._kernels.finish, self._sums.shape, [self._cells, self._sums], [values], device=device)
 
         self._replay(launch, position, velocity, identity)
-        return self._values.numpy().reshape(self._shape).copy()
+        return self._values
