@@ -66,6 +66,12 @@ class Drive:
         downward = self._fastest_stop(position - self.travel[0], -velocity)
         return wanted.clip(-downward, upward)
 
+    def towards(self, wanted: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """The command that brings it from one velocity [m/s] to another, or as near as it may come; -1 to 1."""
+        if self.command == "velocity":
+            return (wanted / self.max_speed).clip(-1.0, 1.0)
+        return ((wanted - velocity) / (self.max_acceleration * self.interval)).clip(-1.0, 1.0)
+
     def _fastest_stop(self, room: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """Largest velocity towards the end of the travel that still lets it stop in the room [m] left."""
         change = self.max_acceleration * self.interval

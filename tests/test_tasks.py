@@ -75,6 +75,13 @@ def test_the_scripted_controller_beats_doing_nothing(env_id):
         assert ((values >= 0.0) & (values <= 1.0)).all()
 
 
+@pytest.mark.parametrize("name", ["CarryTank", "SloshDamp", "SpreadEven", "DamBreakContain", "DamBreakGate"])
+def test_the_scripted_controller_may_command_accelerations_as_well(name):
+    envs = FluidVectorEnv(2, name, difficulty="easy", command="acceleration", device="cpu")
+    idle, scripted = (mean_returns(envs, policy) for policy in (lambda task: task.null(), lambda task: task.scripted()))
+    assert (scripted > idle).all()
+
+
 @pytest.mark.parametrize("env_id", [spec for spec in NEW if "3D" in spec])
 def test_the_scripted_controller_beats_doing_nothing_in_3d(env_id):
     envs = easy(env_id, 1)

@@ -156,7 +156,7 @@ class CarryTank(FluidTask):
         wanted = speed * self.target / way
         at_end = time >= slowing + PERIOD
         wanted = np.where(at_end, (self.target - self.place).clip(-0.1, 0.1), wanted)
-        return (wanted / self.drive_.max_speed).clip(-1.0, 1.0)
+        return self.drive_.towards(wanted, self.velocity)
 
     def annotate(self, world: int) -> dict[str, Any]:
         """How well it goes, and how far it is."""

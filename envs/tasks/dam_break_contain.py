@@ -29,6 +29,7 @@ SPLASH_HEIGHT = 1.2 * HEIGHT  # [m]
 VARIATION = 0.2  # most that a column's width and height differ, as a share
 GATE_OPEN = 0.5 * HEIGHT  # how high a gate is over the floor at the start [m]
 GATE_THICK = 0.05  # [m]
+CLOSING = 4.0  # speed of the wall for each metre that is left, over the largest, of the scripted controller [1/m]
 COLUMNS_KEPT = 48  # sampled columns that a task keeps: all there are at the default resolution and variation
 
 
@@ -197,7 +198,7 @@ class DamBreakContain(FluidTask):
 
     def scripted(self) -> np.ndarray:
         """Close in and hold."""
-        return close_in({"wall_position": self.position})
+        return self.wall.towards(CLOSING * self.wall.max_speed * (ZONE_WIDTH - self.position), self.velocity)[:, None]
 
 
 class DamBreakGate(DamBreakContain):
@@ -268,10 +269,10 @@ class DamBreakGate(DamBreakContain):
         back = self.fluid["velocity"][:, 0] < -0.05
         late = self.time() > 1.0
         wanted = np.where(back & late & (self.fluid["in_zone"] < 0.95), 0.2 * GATE_OPEN, 0.0)
-        return ((wanted - self.position) / (self.wall.interval * self.wall.max_speed)).clip(-1.0, 1.0)[:, None]
+        return self.wall.towards((wanted - self.position) / self.wall.interval, self.velocity)[:, None]
 
 
-def close_in(info: Mapping[str, Any], target: float = ZONE_WIDTH, gain: float = 4.0) -> np.ndarray:
+def close_in(info: Mapping[str, Any], target: float = ZONE_WIDTH, gain: float = CLOSING) -> np.ndarray:
     """A simple controller for command="velocity": push the wall to the edge of the zone and hold it there.
 
     Args:

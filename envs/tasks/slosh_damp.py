@@ -135,4 +135,4 @@ class SloshDamp(FluidTask):
         depths = self.depths()
         rise = depths[:, -5:-3].mean(axis=1) - DEPTH * LENGTH / self.position
         wanted = math.sqrt(GRAVITY / DEPTH) * rise - 0.8 * (self.position - LENGTH)
-        return (wanted / self.wall.max_speed).clip(-1.0, 1.0)[:, None]
+        return self.wall.towards(wanted, self.velocity)[:, None]

@@ -129,4 +129,4 @@ class SpreadEven(FluidTask):
         """Tilt against where the water is and where it runs to, so that it comes to rest in the middle."""
         off = self.fluid["middle"][:, 0] - 0.5 * LENGTH
         wanted = (-0.15 * off - 0.25 * self.fluid["velocity"][:, 0]).clip(-0.18, 0.18)
-        return ((wanted - self.slope) / (2.0 * self.tilt.interval * self.tilt.max_speed)).clip(-1.0, 1.0)[:, None]
+        return self.tilt.towards((wanted - self.slope) / (2.0 * self.tilt.interval), self.rate)[:, None]

@@ -145,4 +145,4 @@ class WaveAbsorb(FluidTask):
         """Give way as open water would: sqrt(g/H) times how much higher the water is at the piston than on average."""
         rise = self.depths()[:, -5:-3].mean(axis=1) - DEPTH
         wanted = math.sqrt(GRAVITY / DEPTH) * rise - 0.5 * (self.position - LENGTH)
-        return (wanted / self.piston.max_speed).clip(-1.0, 1.0)[:, None]
+        return self.piston.towards(wanted, self.velocity)[:, None]
