@@ -20,12 +20,11 @@ LENGTH = 1.0  # of the tank [m]
 ROOM = 10.0  # to go, either way [m]
 DISTANCE = 2.0  # from A to B, on average [m]
 FARTHER = 0.8  # most that it differs from that [m]
-TILTED = 0.25  # share of the depth by which the water's middle may be off before it counts as all unrest
 PERIOD = 2.0 * math.pi / math.sqrt(GRAVITY * math.pi / LENGTH * math.tanh(math.pi * DEPTH / LENGTH))
 
 
 class CarryTank(FluidTask):
-    """An open tank half full of water stands at A; it is to go to B and stand there with its water at rest.
+    """An open tank, two thirds full of water, stands at A; it is to go to B and stand there with its water at rest.
 
     Action (1,), in 3D (2,) along x and y: velocity or acceleration of the tank as a share of the largest. The tank
     feels its acceleration as a body force, so the world is seen from the tank.
@@ -76,7 +75,7 @@ class CarryTank(FluidTask):
         self.actions = axes
         self.numbers = [(-1.0, 1.0)] * (2 * axes) + [(0.0, 1.0)]
         super().__init__(**common)
-        self.drive_ = Drive((-ROOM, ROOM), max_speed, max_acceleration, command, self.control_interval, "tank")
+        self.cart = Drive((-ROOM, ROOM), max_speed, max_acceleration, command, self.control_interval, "tank")
         self.reference_speed = math.sqrt(GRAVITY * DEPTH)
         size = self.boxes[self.dim]
         self.scene = Scene(
@@ -112,18 +111,18 @@ class CarryTank(FluidTask):
 
     def drive(self, actions: np.ndarray) -> None:
         """Move the tank as far as its limits let it; the water feels the opposite of its acceleration."""
-        drive, before = self.drive_, self.velocity
-        after = drive.next_velocity(actions, self.place, before)
-        acceleration = (after - before) / drive.interval
-        self.place = self.place + 0.5 * (before + after) * drive.interval
+        cart, before = self.cart, self.velocity
+        after = cart.next_velocity(actions, self.place, before)
+        acceleration = (after - before) / cart.interval
+        self.place = self.place + 0.5 * (before + after) * cart.interval
         self.velocity = after
         self.solver.gravity[:, :-1] = -acceleration
-        efforts = rewards.effort(after / drive.max_speed, acceleration / drive.max_acceleration)
+        efforts = rewards.effort(after / cart.max_speed, acceleration / cart.max_acceleration)
         self._effort = efforts.max(axis=1)
 
     def state(self) -> list[np.ndarray]:
         """What is left to go, the velocity, and what is lost."""
-        left, velocity = (self.target - self.place) / 3.0, self.velocity / self.drive_.max_speed
+        left, velocity = (self.target - self.place) / 3.0, self.velocity / self.cart.max_speed
         return [*left.T, *velocity.T, self.lost()]
 
     def parts(self) -> dict[str, np.ndarray]:
@@ -149,14 +148,14 @@ class CarryTank(FluidTask):
     def scripted(self) -> np.ndarray:
         """Speed up for one period of the sloshing, go on, and slow down for one: the water swings once and is calm."""
         way = np.sqrt((self.target * self.target).sum(axis=1))[:, None]
-        top = np.minimum(0.8 * self.drive_.max_speed, way / PERIOD)
-        time = (self.time() + self.drive_.interval)[:, None]
+        top = np.minimum(0.8 * self.cart.max_speed, way / PERIOD)
+        time = (self.time() + self.cart.interval)[:, None]
         slowing = way / top  # when to begin slowing down
         speed = top * np.minimum((time / PERIOD).clip(0.0, 1.0), (1.0 - (time - slowing) / PERIOD).clip(0.0, 1.0))
         wanted = speed * self.target / way
         at_end = time >= slowing + PERIOD
         wanted = np.where(at_end, (self.target - self.place).clip(-0.1, 0.1), wanted)
-        return self.drive_.towards(wanted, self.velocity)
+        return self.cart.towards(wanted, self.velocity)
 
     def annotate(self, world: int) -> dict[str, Any]:
         """How well it goes, and how far it is."""
