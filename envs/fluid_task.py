@@ -385,12 +385,13 @@ class FluidTask(Task):
         }
 
     def annotate(self, world: int) -> dict[str, Any]:
-        """The zone, the time, and how well it goes."""
+        """The zone, if it is not the whole box, the time, and how well it goes."""
+        zone = tuple(map(tuple, self.zone()))
         return {
             "title": f"{self.title}{self.dim}D",
             "text": ", ".join(f"{name} {values[world]:.2f}" for name, values in self.parts().items()),
             "time": float(self.time()[world]),
-            "zone": self.zone(),
+            "zone": None if zone == (self.scene.lower, self.scene.upper) else zone,
         }
 
     def time(self) -> np.ndarray:

@@ -15,6 +15,7 @@ from pathlib import Path
 import gymnasium as gym
 import matplotlib
 import numpy as np
+from PIL import Image
 from ppo import train
 from tqdm import tqdm
 
@@ -27,6 +28,7 @@ import matplotlib.pyplot as plt
 HERE = Path(__file__).resolve().parent
 TABLE = "<!-- baselines -->"
 WORLDS = (1, 8, 64)
+TILE = (480, 300)  # of the picture of the tasks [pixels]
 
 
 def interval(values: list[float]) -> list[float]:
@@ -125,6 +127,23 @@ def draw(rows: dict, path: Path) -> None:
     plt.close(figure)
 
 
+def picture(path: Path) -> None:
+    """A moment of each task in 2D."""
+    moments = {"DamBreakContain": 26, "DamBreakGate": 14, "CarryTank": 8, "SloshDamp": 50}  # steps
+    moments |= {"SpreadEven": 12, "JetFill": 22, "LevelHold": 60, "WaveAbsorb": 60}
+    showy = {"CarryTank": [1.0], "SloshDamp": [0.0]}  # where the scripted controller has nothing to show
+    whole = Image.new("RGB", (2 * TILE[0], 4 * TILE[1]))
+    for n, (name, steps) in enumerate(moments.items()):
+        env = FluidEnv(name, render_mode="rgb_array")
+        env.reset(seed=3)
+        for _ in range(steps):
+            env.step(showy.get(name, env.task.scripted()[0]))
+        tile = Image.fromarray(np.asarray(env.render())).resize(TILE, Image.Resampling.LANCZOS)
+        whole.paste(tile, (n % 2 * TILE[0], n // 2 * TILE[1]))
+        env.close()
+    whole.save(path, optimize=True)
+
+
 def table(rows: dict) -> str:
     """The rows as Markdown."""
     lines = [
@@ -155,7 +174,11 @@ def main() -> None:
     parser.add_argument("--device", default=None, help="of the fluid (default: a GPU where there is one)")
     parser.add_argument("--docs", type=Path, default=HERE.parent / "docs", help="folder (default: docs)")
     parser.add_argument("--policies", type=Path, default=HERE / "policies", help="folder (default: examples/policies)")
+    parser.add_argument("--picture", action="store_true", help="draw a moment of each task, and nothing else")
     chosen = parser.parse_args()
+    if chosen.picture:
+        picture(chosen.docs / "tasks.png")
+        return
     every = [name for name in gym.registry if name.startswith("fluidgym/") and "2D" in name]
     kept = chosen.docs / "baselines.json"
     rows = json.loads(kept.read_text()) if kept.exists() else {}

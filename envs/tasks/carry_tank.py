@@ -161,4 +161,4 @@ class CarryTank(FluidTask):
         """How well it goes, and how far it is."""
         shown: Mapping[str, Any] = super().annotate(world)
         left = self.target[world] - self.place[world]
-        return {**shown, "text": f"{math.hypot(*left):.2f} m to go, {shown['text']}", "zone": None}
+        return {**shown, "text": f"{math.hypot(*left):.2f} m to go, {shown['text']}"}
