@@ -137,7 +137,7 @@ def picture(path: Path) -> None:
         env = FluidEnv(name, render_mode="rgb_array")
         env.reset(seed=3)
         for _ in range(steps):
-            env.step(showy.get(name, env.task.scripted()[0]))
+            env.step(np.asarray(showy.get(name, env.task.scripted()[0])))
         tile = Image.fromarray(np.asarray(env.render())).resize(TILE, Image.Resampling.LANCZOS)
         whole.paste(tile, (n % 2 * TILE[0], n // 2 * TILE[1]))
         env.close()
