@@ -2,6 +2,7 @@
 
 import sys
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from fluidgym.envs.evaluation import TEST, TRAIN, VALIDATION, evaluate
 from fluidgym.envs.policy import Policy
 from fluidgym.envs.sb3 import SB3VecEnv
 
+POLICIES = Path(__file__).resolve().parents[1] / "examples" / "policies"
 SHORT = {"difficulty": "easy", "episode": 0.3, "device": "cpu"}
 
 
@@ -105,6 +107,18 @@ def test_a_file_that_is_no_policy_is_refused_in_one_line(damage, tmp_path):
         Policy.load(path)
     assert "give a file that Policy.save wrote" in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("path", sorted(POLICIES.glob("*.npz")), ids=lambda path: path.stem)
+def test_policies_that_are_shipped_fit_their_tasks_and_beat_doing_nothing(path):
+    policy = Policy.load(path)
+    name, dim = path.stem[:-5], int(path.stem[-5])
+    options = {"dim": dim, "difficulty": policy.about["difficulty"], "device": "cpu"}
+    assert policy.about["task"] == f"fluidgym/{path.stem}"
+    scores = [
+        evaluate(controller, name, episodes=4, seeds=VALIDATION, **options).mean for controller in ("null", policy)
+    ]
+    assert scores[1] > scores[0]
 
 
 def test_layers_that_do_not_fit_are_refused():
