@@ -8,6 +8,8 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from fluidgym.envs import rewards
+
 Command = Literal["velocity", "acceleration"]
 
 
@@ -65,6 +67,11 @@ class Drive:
         upward = self._fastest_stop(self.travel[1] - position, velocity)
         downward = self._fastest_stop(position - self.travel[0], -velocity)
         return wanted.clip(-downward, upward)
+
+    def effort(self, after: np.ndarray, before: np.ndarray) -> np.ndarray:
+        """How hard it works for an interval that ends at one velocity [m/s] and began at another: 0 to 1."""
+        change = (after - before) / (self.max_acceleration * self.interval)
+        return rewards.effort(after / self.max_speed, change)
 
     def towards(self, wanted: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """The command that brings it from one velocity [m/s] to another, or as near as it may come; -1 to 1."""

@@ -26,9 +26,8 @@ GRAVITY = 9.81  # [m/s2]
 # Past this a world has blown up, though its numbers may still be finite: impacts reach 0.1 to 0.2.
 LARGEST_DENSITY_ERROR = 0.5
 
-
 # What every task remembers of each world.
-_MEMORY = ("_steps", "_shaking", "_viscosities")
+_MEMORY = ("_steps", "_shaking", "_viscosities", "_effort")
 
 
 @dataclass(frozen=True)
@@ -211,7 +210,7 @@ class FluidTask(Task):
         )
         self._frames: list[Any] = []
         self._begun, self._stepped = np.zeros(worlds, bool), False
-        self._steps = np.zeros(worlds, int)
+        self._steps, self._effort = np.zeros(worlds, int), np.zeros(worlds)
         self._shaking = np.zeros((worlds, self.max_episode_steps))
         self._viscosities = np.full(worlds, self.scene.material.viscosity)
         self._clamped_before = np.zeros(worlds, int)
@@ -252,7 +251,7 @@ class FluidTask(Task):
         """Forget the last episode of some worlds."""
         if self.viscosity > 0.0:
             self.solver.set_parameters(viscosity=self._viscosities)
-        self._steps[worlds] = 0
+        self._steps[worlds], self._effort[worlds] = 0, 0.0
         self._begun |= worlds
         self.measure()
         self._clamped[:] = 0  # a start is not a step
@@ -261,6 +260,7 @@ class FluidTask(Task):
 
     def apply_action(self, actions: np.ndarray) -> None:
         """Drive what there is to drive, and shake the ground."""
+        self.solver.gravity[:, 0] = 0.0
         self.drive(actions)
         if self.disturbance > 0.0:
             self.solver.gravity[:, 0] -= self.ground()
@@ -273,7 +273,7 @@ class FluidTask(Task):
 
     @abstractmethod
     def drive(self, actions: np.ndarray) -> None:
-        """Set the solver's controls for the next interval from actions (world, action), each inside the space."""
+        """Set the solver's controls and the effort for the next interval from actions (world, action) in the space."""
 
     def measure(self) -> None:
         """Look at the fluid."""
@@ -295,11 +295,6 @@ class FluidTask(Task):
         height = self.scene.upper[-1] - self.scene.lower[-1]
         fraction = self.coarse()[:, 0].astype(float)
         return height * fraction.reshape(len(fraction), -1, self.grid[-1]).mean(axis=1)
-
-    def face_motion(self, face: int) -> tuple[np.ndarray, np.ndarray]:
-        """Position [m] and velocity [m/s] of a face, each (world,)."""
-        faces = self.solver.state.faces
-        return faces.position.numpy()[:, face].astype(float), faces.velocity.numpy()[:, face].astype(float)
 
     def gone(self) -> np.ndarray:
         """Particles that have left the world, (world,)."""

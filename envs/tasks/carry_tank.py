@@ -55,7 +55,7 @@ class CarryTank(FluidTask):
         "medium": Level(variation=0.6),
         "hard": Level(variation=1.0, disturbance=0.03, viscosity=1e-3, resolution={2: 20, 3: 12}),
     }
-    memory = ("place", "velocity", "target", "_effort")
+    memory = ("place", "velocity", "target")
     gain = "arrival"
     costs: ClassVar = {"spill": 1.0, "unrest": 1.0, "effort": 0.05}
 
@@ -95,7 +95,6 @@ class CarryTank(FluidTask):
         super().attach(solver)
         shape = (solver.num_worlds, self.dim - 1)
         self.place, self.velocity, self.target = np.zeros(shape), np.zeros(shape), np.full(shape, DISTANCE)
-        self._effort = np.zeros(solver.num_worlds)
 
     def sample(self, world: int, rng: np.random.Generator) -> Particles:
         """The water at rest; B is somewhere else each time."""
@@ -106,19 +105,17 @@ class CarryTank(FluidTask):
 
     def begin(self, worlds: np.ndarray) -> None:
         """Put some tanks to A, at rest."""
-        self.place[worlds], self.velocity[worlds], self._effort[worlds] = 0.0, 0.0, 0.0
+        self.place[worlds], self.velocity[worlds] = 0.0, 0.0
         super().begin(worlds)
 
     def drive(self, actions: np.ndarray) -> None:
         """Move the tank as far as its limits let it; the water feels the opposite of its acceleration."""
         cart, before = self.cart, self.velocity
         after = cart.next_velocity(actions, self.place, before)
-        acceleration = (after - before) / cart.interval
         self.place = self.place + 0.5 * (before + after) * cart.interval
         self.velocity = after
-        self.solver.gravity[:, :-1] = -acceleration
-        efforts = rewards.effort(after / cart.max_speed, acceleration / cart.max_acceleration)
-        self._effort = efforts.max(axis=1)
+        self.solver.gravity[:, :-1] = -(after - before) / cart.interval
+        self._effort = cart.effort(after, before).max(axis=1)
 
     def state(self) -> list[np.ndarray]:
         """What is left to go, the velocity, and what is lost."""

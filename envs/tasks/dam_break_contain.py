@@ -11,13 +11,12 @@ import numpy as np
 
 from fluidgym.envs import rewards
 from fluidgym.envs.actuators import Drive
-from fluidgym.envs.fluid_task import GRAVITY, FluidTask, Level, check_range
+from fluidgym.envs.fluid_task import GRAVITY, Level, check_range
 from fluidgym.envs.task import Gate
+from fluidgym.envs.wall_task import WALL, WallTask
 from fluidgym.scene import Body, Box, Face, Fluid, Particles, Scene
-from fluidgym.solver import Solver
 
 # The tank is that of the dam break everybody measures: a column twice as wide as high in a tank 5.366 heights long.
-WALL = "x_max"
 HEIGHT = 0.6  # H, of the column [m]
 WIDTH = 2.0 * HEIGHT  # of the column along x [m]
 LENGTH = 5.366 * HEIGHT  # of the tank [m]
@@ -33,7 +32,7 @@ CLOSING = 4.0  # speed of the wall for each metre that is left, over the largest
 COLUMNS_KEPT = 48  # sampled columns that a task keeps: all there are at the default resolution and variation
 
 
-class DamBreakContain(FluidTask):
+class DamBreakContain(WallTask):
     """A column of water collapses; the right wall moves to keep it in a target zone at the left.
 
     Action (1,): velocity or acceleration of the wall as a share of the largest, positive to the right. The wall is
@@ -71,7 +70,6 @@ class DamBreakContain(FluidTask):
         "medium": Level(),
         "hard": Level(variation=1.0, disturbance=0.05, viscosity=1e-3, resolution={2: 24, 3: 12}),
     }
-    memory = ("_effort",)
     gain = "containment"
     costs: ClassVar = {"effort": 0.05, "splash": 0.2, "spread": 0.1}
     numbers: ClassVar = [(0.0, 1.0), (-1.0, 1.0)]
@@ -138,41 +136,6 @@ class DamBreakContain(FluidTask):
             return wide, high
         return wide, max(1, round(self.depth * BOX[3][1] / self.spacing)), high
 
-    def attach(self, solver: Solver) -> None:
-        """Take the worlds."""
-        super().attach(solver)
-        self._effort = np.zeros(solver.num_worlds)
-
-    def begin(self, worlds: np.ndarray) -> None:
-        """Forget the last episode of some worlds."""
-        self._effort[worlds] = 0.0
-        super().begin(worlds)
-
-    # -- a step --------------------------------------------------------------------------------------------------
-
-    def drive(self, actions: np.ndarray) -> None:
-        """Move the wall as far as its limits let it."""
-        wall, before = self.wall, self.velocity
-        velocity = wall.next_velocity(actions[:, 0], self.position, before)
-        self.push(velocity)
-        self.solver.gravity[:, 0] = 0.0
-        speed = velocity / wall.max_speed
-        acceleration = (velocity - before) / (wall.max_acceleration * wall.interval)
-        self._effort = rewards.effort(speed, acceleration)
-
-    def push(self, velocity: np.ndarray) -> None:
-        """Give what is driven its velocities [m/s], (world,)."""
-        self.solver.face_velocity[:, self.solver.face_index(WALL)] = velocity
-
-    def measure(self) -> None:
-        """Look at the fluid and at the wall."""
-        super().measure()
-        self.position, self.velocity = self.look()
-
-    def look(self) -> tuple[np.ndarray, np.ndarray]:
-        """Position [m] and velocity [m/s] of what is driven, each (world,)."""
-        return self.face_motion(self.solver.face_index(WALL))
-
     def state(self) -> list[np.ndarray]:
         """The wall."""
         low, high = self.wall.travel
@@ -191,10 +154,6 @@ class DamBreakContain(FluidTask):
             "splash": rewards.splash(fluid["above"]),
             "spread": rewards.spread(fluid["spread"], width),
         }
-
-    def info(self) -> dict[str, np.ndarray]:
-        """What every task tells, and the wall [m, m/s]."""
-        return super().info() | {"wall_position": self.position.copy(), "wall_velocity": self.velocity.copy()}
 
     def scripted(self) -> np.ndarray:
         """Close in and hold."""

@@ -53,7 +53,7 @@ class JetFill(FluidTask):
         "medium": Level(variation=0.7),
         "hard": Level(variation=1.0, disturbance=0.1, viscosity=1e-3, resolution={2: 20}),
     }
-    memory = ("speed", "slope", "height", "_effort")
+    memory = ("speed", "slope", "height")
     gain = "fill"
     costs: ClassVar = {"spill": 1.0, "effort": 0.05}
     actions = 2
@@ -110,7 +110,7 @@ class JetFill(FluidTask):
         """Take the worlds, and shut the nozzles."""
         super().attach(solver)
         worlds = solver.num_worlds
-        self.speed, self.slope, self._effort = (np.zeros(worlds) for _ in range(3))
+        self.speed, self.slope = np.zeros(worlds), np.zeros(worlds)
         self.height = np.full(worlds, NOZZLE[1])
 
     def sample(self, world: int, rng: np.random.Generator) -> Particles:
@@ -121,8 +121,7 @@ class JetFill(FluidTask):
 
     def begin(self, worlds: np.ndarray) -> None:
         """Shut the nozzle of some worlds."""
-        for values in (self.speed, self.slope, self._effort):
-            values[worlds] = 0.0
+        self.speed[worlds], self.slope[worlds] = 0.0, 0.0
         self._aim()
         super().begin(worlds)
 
@@ -133,7 +132,6 @@ class JetFill(FluidTask):
         self.speed = (0.5 * FASTEST * (1.0 + actions[:, 0])).clip(speed - step[0], speed + step[0])
         self.slope = (STEEPEST * actions[:, 1]).clip(slope - step[1], slope + step[1])
         self._effort = rewards.effort((self.speed - speed) / step[0], (self.slope - slope) / step[1])
-        self.solver.gravity[:, 0] = 0.0
         self._aim()
 
     def _aim(self) -> None:

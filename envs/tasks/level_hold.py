@@ -53,7 +53,7 @@ class LevelHold(FluidTask):
         "medium": Level(variation=0.8),
         "hard": Level(variation=1.0, disturbance=0.05, viscosity=1e-3, resolution={2: 20}),
     }
-    memory = ("speed", "_plan", "_effort")
+    memory = ("speed", "_plan")
     gain = "hold"
     costs: ClassVar = {"splash": 0.2, "effort": 0.05}
     numbers: ClassVar = [(0.0, 1.0), (0.0, 1.0), (0.0, 1.0)]
@@ -114,7 +114,7 @@ class LevelHold(FluidTask):
         """Take the worlds."""
         super().attach(solver)
         worlds = solver.num_worlds
-        self.speed, self._effort = np.full(worlds, START), np.zeros(worlds)
+        self.speed = np.full(worlds, START)
         self._plan = np.full((worlds, self.max_episode_steps + 1), LEVEL)
 
     def sample(self, world: int, rng: np.random.Generator) -> Particles:
@@ -126,7 +126,7 @@ class LevelHold(FluidTask):
 
     def begin(self, worlds: np.ndarray) -> None:
         """Open the nozzle of some worlds as it is at the start."""
-        self.speed[worlds], self._effort[worlds] = START, 0.0
+        self.speed[worlds] = START
         super().begin(worlds)
 
     def drive(self, actions: np.ndarray) -> None:
@@ -134,7 +134,6 @@ class LevelHold(FluidTask):
         before, step = self.speed, self._follow * FASTEST
         self.speed = (0.5 * FASTEST * (1.0 + actions[:, 0])).clip(before - step, before + step)
         self.solver.inflow_speed[:, 0] = self.speed
-        self.solver.gravity[:, 0] = 0.0
         self._effort = rewards.effort((self.speed - before) / step, np.zeros_like(before))
 
     def level(self) -> np.ndarray:

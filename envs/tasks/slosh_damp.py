@@ -9,19 +9,18 @@ import numpy as np
 
 from fluidgym.envs import rewards
 from fluidgym.envs.actuators import Drive
-from fluidgym.envs.fluid_task import GRAVITY, FluidTask, Level
+from fluidgym.envs.fluid_task import GRAVITY, Level
 from fluidgym.envs.task import Gate
+from fluidgym.envs.wall_task import WALL, WallTask
 from fluidgym.scene import Box, Face, Fluid, Particles, Scene
-from fluidgym.solver import Solver
 
 DEPTH = 0.4  # H, of the water [m]
 LENGTH = 1.0  # of the tank at rest [m]
 ROOM = 0.15  # that the wall has to either side [m]
-WALL = "x_max"
 FREQUENCY = math.sqrt(GRAVITY * math.pi / LENGTH * math.tanh(math.pi * DEPTH / LENGTH)) / (2.0 * math.pi)  # [Hz]
 
 
-class SloshDamp(FluidTask):
+class SloshDamp(WallTask):
     """A tank of water is shaken near its first sloshing frequency; its right wall moves to keep the water calm.
 
     Action (1,): velocity or acceleration of the wall as a share of the largest, positive to the right.
@@ -48,7 +47,6 @@ class SloshDamp(FluidTask):
         "medium": Level(variation=0.7, disturbance=0.08),
         "hard": Level(variation=1.0, disturbance=0.1, viscosity=1e-3, resolution={2: 20}),
     }
-    memory = ("_effort",)
     gain = "calm"
     costs: ClassVar = {"effort": 0.1}
     numbers: ClassVar = [(-1.0, 1.0), (-1.0, 1.0), (-1.0, 1.0)]
@@ -81,12 +79,6 @@ class SloshDamp(FluidTask):
         )
         self._fluid = self.scene.sample()
 
-    def attach(self, solver: Solver) -> None:
-        """Take the worlds."""
-        super().attach(solver)
-        self.face = solver.face_index(WALL)
-        self._effort = np.zeros(solver.num_worlds)
-
     def sample(self, world: int, rng: np.random.Generator) -> Particles:
         """The water at rest."""
         return self._fluid
@@ -98,24 +90,6 @@ class SloshDamp(FluidTask):
         phase = 2.0 * math.pi * rng.uniform()
         return strength * (2.0 * times).clip(0.0, 1.0) * np.sin(2.0 * math.pi * frequency * times + phase)
 
-    def begin(self, worlds: np.ndarray) -> None:
-        """Put the wall of some worlds to its place."""
-        self._effort[worlds] = 0.0
-        super().begin(worlds)
-
-    def drive(self, actions: np.ndarray) -> None:
-        """Move the wall as far as its limits let it."""
-        velocity = self.wall.next_velocity(actions[:, 0], self.position, self.velocity)
-        self.solver.face_velocity[:, self.face] = velocity
-        self.solver.gravity[:, 0] = 0.0
-        change = (velocity - self.velocity) / (self.wall.max_acceleration * self.wall.interval)
-        self._effort = rewards.effort(velocity / self.wall.max_speed, change)
-
-    def measure(self) -> None:
-        """Look at the fluid and at the wall."""
-        super().measure()
-        self.position, self.velocity = self.face_motion(self.face)
-
     def state(self) -> list[np.ndarray]:
         """The wall's position and velocity, and the ground's acceleration."""
         largest = max(self.disturbance * GRAVITY, 1e-9)
@@ -125,10 +99,6 @@ class SloshDamp(FluidTask):
         """Calm and effort."""
         unrest = rewards.unrest(self.fluid["kinetic"], 0.6 * self.reference_speed)
         return {"calm": 1.0 - unrest, "effort": self._effort.copy()}
-
-    def info(self) -> dict[str, np.ndarray]:
-        """What every task tells, and the wall [m, m/s]."""
-        return super().info() | {"wall_position": self.position.copy(), "wall_velocity": self.velocity.copy()}
 
     def scripted(self) -> np.ndarray:
         """Give way as open water would: sqrt(g/H) times how much higher the water is at the wall than on average."""

@@ -44,7 +44,7 @@ class SpreadEven(FluidTask):
         "medium": Level(variation=0.7),
         "hard": Level(variation=1.0, disturbance=0.02, viscosity=1e-3, resolution={2: 24}),
     }
-    memory = ("slope", "rate", "_effort")
+    memory = ("slope", "rate")
     gain = "evenness"
     costs: ClassVar = {"splash": 0.1, "effort": 0.05}
     numbers: ClassVar = [(-1.0, 1.0), (-1.0, 1.0)]
@@ -82,7 +82,7 @@ class SpreadEven(FluidTask):
     def attach(self, solver: Solver) -> None:
         """Take the worlds, and level the boxes."""
         super().attach(solver)
-        self.slope, self.rate, self._effort = (np.zeros(solver.num_worlds) for _ in range(3))
+        self.slope, self.rate = np.zeros(solver.num_worlds), np.zeros(solver.num_worlds)
 
     def sample(self, world: int, rng: np.random.Generator) -> Particles:
         """The lump, somewhere near the left wall or, with much variation, anywhere."""
@@ -92,7 +92,7 @@ class SpreadEven(FluidTask):
 
     def begin(self, worlds: np.ndarray) -> None:
         """Level some boxes."""
-        self.slope[worlds], self.rate[worlds], self._effort[worlds] = 0.0, 0.0, 0.0
+        self.slope[worlds], self.rate[worlds] = 0.0, 0.0
         super().begin(worlds)
 
     def drive(self, actions: np.ndarray) -> None:
@@ -102,8 +102,7 @@ class SpreadEven(FluidTask):
         self.slope = self.slope + 0.5 * (before + self.rate) * tilt.interval
         down = GRAVITY / np.sqrt(1.0 + self.slope * self.slope)
         self.solver.gravity[:, 0], self.solver.gravity[:, 1] = down * self.slope, -down
-        change = (self.rate - before) / (tilt.max_acceleration * tilt.interval)
-        self._effort = rewards.effort(self.rate / tilt.max_speed, change)
+        self._effort = tilt.effort(self.rate, before)
 
     def state(self) -> list[np.ndarray]:
         """The slope and its rate."""

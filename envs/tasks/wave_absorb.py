@@ -9,8 +9,9 @@ import numpy as np
 
 from fluidgym.envs import rewards
 from fluidgym.envs.actuators import Drive
-from fluidgym.envs.fluid_task import GRAVITY, FluidTask, Level
+from fluidgym.envs.fluid_task import GRAVITY, Level
 from fluidgym.envs.task import Gate
+from fluidgym.envs.wall_task import WALL, WallTask
 from fluidgym.scene import Box, Face, Fluid, Particles, Scene
 from fluidgym.solver import Solver
 
@@ -18,11 +19,11 @@ DEPTH = 0.4  # H, of the water [m]
 LENGTH = 3.0  # of the flume at rest [m]
 ROOM = 0.15  # that the piston has to either side [m]
 STROKE = 0.1  # of the wavemaker at most, from end to end [m]
-MAKER, PISTON = "x_min", "x_max"
+MAKER = "x_min"
 WAVES = 3  # that the wavemaker sends
 
 
-class WaveAbsorb(FluidTask):
+class WaveAbsorb(WallTask):
     """A wavemaker at the left sends three waves down a flume; a piston at the right moves so that none come back.
 
     Action (1,): velocity or acceleration of the piston as a share of the largest, positive to the right.
@@ -49,7 +50,7 @@ class WaveAbsorb(FluidTask):
         "medium": Level(variation=0.7),
         "hard": Level(variation=1.0, disturbance=0.003, viscosity=1e-4, resolution={2: 16}),
     }
-    memory = ("_effort", "_making")
+    memory = ("_making",)
     gain = "calm"
     costs: ClassVar = {"effort": 0.1}
     numbers: ClassVar = [(-1.0, 1.0), (-1.0, 1.0), (-1.0, 1.0)]
@@ -68,7 +69,7 @@ class WaveAbsorb(FluidTask):
         """
         super().__init__(**common)
         travel = (LENGTH - ROOM, LENGTH + ROOM)
-        self.piston = Drive(travel, max_speed, max_acceleration, command, self.control_interval, "piston")
+        self.wall = Drive(travel, max_speed, max_acceleration, command, self.control_interval, "piston")
         self.reference_speed = math.sqrt(GRAVITY * DEPTH)
         self._top = math.pi * STROKE / 1.1  # of the wavemaker's speed
         self.scene = Scene(
@@ -78,7 +79,7 @@ class WaveAbsorb(FluidTask):
             fluid=[Fluid(Box((0.0, 0.0), (LENGTH, DEPTH)), pressure="hydrostatic")],
             faces={
                 MAKER: Face(moving=True, travel=(-STROKE, STROKE), start=0.0),
-                PISTON: Face(moving=True, travel=travel, start=LENGTH),
+                WALL: Face(moving=True, travel=travel, start=LENGTH),
             },
             gravity=GRAVITY,
             material=self.material(),
@@ -89,8 +90,6 @@ class WaveAbsorb(FluidTask):
     def attach(self, solver: Solver) -> None:
         """Take the worlds."""
         super().attach(solver)
-        self.face, self._maker = solver.face_index(PISTON), solver.face_index(MAKER)
-        self._effort = np.zeros(solver.num_worlds)
         self._making = np.zeros((solver.num_worlds, self.max_episode_steps + 1))
 
     def sample(self, world: int, rng: np.random.Generator) -> Particles:
@@ -104,32 +103,18 @@ class WaveAbsorb(FluidTask):
         self._making[world] = np.diff(place, append=0.0) / self.control_interval
         return self._fluid
 
-    def begin(self, worlds: np.ndarray) -> None:
-        """Put the piston of some worlds to its place."""
-        self._effort[worlds] = 0.0
-        super().begin(worlds)
-
-    def drive(self, actions: np.ndarray) -> None:
-        """Move the piston as far as its limits let it, and the wavemaker as it was drawn."""
-        velocity = self.piston.next_velocity(actions[:, 0], self.position, self.velocity)
-        self.solver.face_velocity[:, self.face] = velocity
-        self.solver.face_velocity[:, self._maker] = self.making()
-        self.solver.gravity[:, 0] = 0.0
-        change = (velocity - self.velocity) / (self.piston.max_acceleration * self.piston.interval)
-        self._effort = rewards.effort(velocity / self.piston.max_speed, change)
+    def push(self, velocity: np.ndarray) -> None:
+        """Move the piston, and the wavemaker as it was drawn."""
+        super().push(velocity)
+        self.solver.face_velocity[:, self.solver.face_index(MAKER)] = self.making()
 
     def making(self) -> np.ndarray:
         """Velocity of the wavemaker in the interval to come [m/s], (world,)."""
         return self._making[np.arange(len(self._steps)), np.minimum(self._steps, self.max_episode_steps)]
 
-    def measure(self) -> None:
-        """Look at the fluid and at the piston."""
-        super().measure()
-        self.position, self.velocity = self.face_motion(self.face)
-
     def state(self) -> list[np.ndarray]:
         """The piston's position and velocity, and what the wavemaker does."""
-        place, speed = (self.position - LENGTH) / ROOM, self.velocity / self.piston.max_speed
+        place, speed = (self.position - LENGTH) / ROOM, self.velocity / self.wall.max_speed
         return [place, speed, self.making() / (1.5 * self._top)]
 
     def parts(self) -> dict[str, np.ndarray]:
@@ -137,12 +122,8 @@ class WaveAbsorb(FluidTask):
         unrest = rewards.unrest(self.fluid["kinetic"], 0.24 * self.reference_speed)
         return {"calm": 1.0 - unrest, "effort": self._effort.copy()}
 
-    def info(self) -> dict[str, np.ndarray]:
-        """What every task tells, and the piston [m, m/s]."""
-        return super().info() | {"wall_position": self.position.copy(), "wall_velocity": self.velocity.copy()}
-
     def scripted(self) -> np.ndarray:
         """Give way as open water would: sqrt(g/H) times how much higher the water is at the piston than on average."""
         rise = self.depths()[:, -5:-3].mean(axis=1) - DEPTH
         wanted = math.sqrt(GRAVITY / DEPTH) * rise - 0.5 * (self.position - LENGTH)
-        return self.piston.towards(wanted, self.velocity)[:, None]
+        return self.wall.towards(wanted, self.velocity)[:, None]
