@@ -12,6 +12,7 @@ import numpy as np
 from fluidgym.envs import make_task
 from fluidgym.envs.policy import Policy
 from fluidgym.envs.runner import Runner
+from fluidgym.envs.task import Task
 
 # Seeds of episodes to train on, to choose between controllers by, and to report. They have none in common.
 TRAIN = range(1_000_000_000)
@@ -20,6 +21,16 @@ TEST = range(1_500_000_000, 2_000_000_000)
 
 # Sees observations (world, ...) and gives actions (world, action).
 Controller = Callable[[np.ndarray], np.ndarray]
+
+
+BUILT_IN = ("null", "scripted")  # controllers that every task has
+
+
+def act(controller: str | Controller, task: Task, observations: np.ndarray) -> np.ndarray:
+    """Actions (world, action) of a controller: one of BUILT_IN, or what sees observations (world, ...)."""
+    if isinstance(controller, str):
+        return task.null() if controller == "null" else task.scripted()
+    return controller(observations)
 
 
 @dataclass(frozen=True)
@@ -79,7 +90,7 @@ def evaluate(
     Raises:
         ValueError: The controller is unknown or does not fit, or an argument is out of its limits.
     """
-    if isinstance(controller, str) and controller not in ("null", "scripted"):
+    if isinstance(controller, str) and controller not in BUILT_IN:
         raise ValueError(f"controller = {controller!r} is unknown; use 'null', 'scripted' or a Policy")
     if not 1 <= episodes <= len(seeds):
         raise ValueError(f"episodes = {episodes} is outside 1 to {len(seeds)}; use 32")
@@ -92,10 +103,7 @@ def evaluate(
     returns, lengths, sums = np.zeros(episodes), np.zeros(episodes, int), dict.fromkeys(posed.parts(), 0.0)
     diverged = 0
     while on.any():
-        if isinstance(controller, str):
-            actions = posed.null() if controller == "null" else posed.scripted()
-        else:
-            actions = controller(outcome.observation)
+        actions = act(controller, posed, outcome.observation)
         outcome = runner.step(runner.check_actions(actions, "actions", (episodes, *posed.action_space.shape)))
         returns[on] += outcome.reward[on]
         lengths[on] += 1

@@ -281,14 +281,21 @@ class FluidTask(Task):
         self.fluid = self._measure.run(now.position, now.velocity, now.density_error, now.identity)
         clamped = self.solver.state.clamped.numpy().astype(int)
         self._clamped, self._clamped_before = clamped - self._clamped_before, clamped
-        self._grid_values: np.ndarray | None = None
+        self._on_device: Any = None
+        self._on_host: Any = None
+
+    def deposited(self) -> wp.array:
+        """The fluid on the coarse grid, on the device, (world, 1 + dim, cell)."""
+        if self._on_device is None:
+            now = self.solver.state.now
+            self._on_device = self._deposit.run_on_device(now.position, now.velocity, now.identity)
+        return self._on_device
 
     def coarse(self) -> np.ndarray:
         """The fluid on the coarse grid, (world, 1 + dim, ny, nx) or (world, 1 + dim, nz, ny, nx)."""
-        if self._grid_values is None:
-            now = self.solver.state.now
-            self._grid_values = self._deposit.run(now.position, now.velocity, now.identity)
-        return self._grid_values
+        if self._on_host is None:
+            self._on_host = self.deposited().numpy().reshape(self._deposit.shape).copy()
+        return self._on_host
 
     def depths(self) -> np.ndarray:
         """Depth of the fluid in each column of the coarse grid, averaged over y in 3D [m], (world, nx)."""
@@ -319,9 +326,7 @@ class FluidTask(Task):
         if output == "torch":
             import torch
 
-            now = self.solver.state.now
-            values = self._deposit.run_on_device(now.position, now.velocity, now.identity)
-            grid: Any = wp.to_torch(values).reshape(self._deposit.shape)
+            grid: Any = wp.to_torch(self.deposited()).reshape(self._deposit.shape)
             numbers, *solid = (torch.as_tensor(part, device=grid.device) for part in (numbers, *solid))
         else:
             grid = self.coarse()

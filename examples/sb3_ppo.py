@@ -5,14 +5,14 @@ Wants pip install "fluidgym-sph[sb3]". With --image the policy is a convolutiona
 
 import argparse
 from pathlib import Path
-from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
-from fluidgym.envs.evaluation import VALIDATION
+from fluidgym.envs.evaluation import VALIDATION, evaluate
 from fluidgym.envs.sb3 import SB3VecEnv
 
 
@@ -51,18 +51,11 @@ def main() -> None:
     model.save(path)
     envs.save(f"{path}-normalize.pkl")
 
-    # On seeds that nobody trains on, without noise, rewards as they are.
-    held_out = VecNormalize(SB3VecEnv(chosen.id, 16, seed=VALIDATION[0], **options), training=False, norm_reward=False)
-    held_out.norm_obs, held_out.obs_rms = envs.norm_obs, envs.obs_rms
-    observation: Any = held_out.reset()
-    returns = np.zeros(16)
-    ended = np.zeros(16, bool)
-    while not ended.all():
-        action, _ = model.predict(observation, deterministic=True)
-        observation, reward, now, _ = held_out.step(action)
-        returns += np.where(ended, 0.0, reward)
-        ended |= now
-    print(f"{chosen.id} {chosen.difficulty}: return {returns.mean():.1f} +- {returns.std():.1f} in 16 episodes")
+    def act(observations: np.ndarray) -> np.ndarray:
+        return model.predict(envs.normalize_obs(observations), deterministic=True)[0]
+
+    for name, controller in {"null": "null", "scripted": "scripted", "PPO": act}.items():
+        print(f"{name}: {evaluate(controller, episodes=16, seeds=VALIDATION, **gym.spec(chosen.id).kwargs, **options)}")
     print(path.with_suffix(".zip"))
 
 

@@ -635,9 +635,10 @@ def evaluate(chosen: argparse.Namespace) -> int:
 
 def _controller(name: str) -> Any:
     """A controller by its name, or from a file."""
+    from fluidgym.envs.evaluation import BUILT_IN
     from fluidgym.envs.policy import Policy
 
-    return name if name in ("null", "scripted") else Policy.load(Path(name))
+    return name if name in BUILT_IN else Policy.load(Path(name))
 
 
 def _add_play(commands: argparse._SubParsersAction) -> None:
@@ -659,7 +660,7 @@ def _add_play(commands: argparse._SubParsersAction) -> None:
 
 def play(chosen: argparse.Namespace) -> int:
     """Play an episode."""
-    from fluidgym.envs import FluidEnv
+    from fluidgym.envs import FluidEnv, evaluation
     from fluidgym.render.film import write_gif, write_mp4
 
     try:
@@ -677,10 +678,7 @@ def play(chosen: argparse.Namespace) -> int:
     try:
         with tqdm(total=task.max_episode_steps, desc=chosen.id, unit="step", leave=False, disable=None) as bar:
             while not ended:
-                if isinstance(controller, str):
-                    action = (task.null() if controller == "null" else task.scripted())[0]
-                else:
-                    action = controller(observation[None])[0]
+                action = evaluation.act(controller, task, observation[None])[0]
                 observation, reward, terminated, truncated, info = env.step(action)
                 total, ended = total + reward, terminated or truncated
                 if chosen.film:

@@ -19,7 +19,6 @@ import warp as wp
 
 from fluidgym.solver import Solver
 from fluidgym.sph.integrate import make_step
-from fluidgym.sph.neighbors import make_gather
 
 ARCHITECTURE = 90
 
@@ -65,7 +64,6 @@ def compiled(solver: Solver) -> Iterator[CudaKernel]:
     """The kernels of a step of a solver, as a GPU would have them."""
     structure = replace(solver._structure, half=False)
     kernels: dict[str, Any] = {name: kernel for name, kernel in vars(make_step(structure)).items() if kernel}
-    kernels["gather"] = make_gather(structure)
     for name, kernel in kernels.items():
         with tempfile.TemporaryDirectory(prefix="fluidgym-cuda-") as folder:
             options: dict[str, Any] = {"arch": ARCHITECTURE, "module_dir": folder}

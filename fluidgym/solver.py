@@ -31,7 +31,7 @@ from fluidgym.scene import AXES, Particles, Scene, face_names, pipe_frame
 from fluidgym.scheme import DEFAULT_SCHEME, Scheme
 from fluidgym.sph.constants import Constants
 from fluidgym.sph.integrate import aim, make_step, shift_acceleration
-from fluidgym.sph.neighbors import make_gather, make_grid, span_numbers
+from fluidgym.sph.neighbors import make_grid, span_numbers
 from fluidgym.state import Frozen, ParticleArrays, State, driven_arrays
 from fluidgym.stepping import Group, Plan, Stepper, processors
 
@@ -187,7 +187,6 @@ class Solver:
         scene = self.scene
         self._structure = make_structure(scene, self.scheme, self._parameters, **self._flags)
         self._kernels = make_step(self._structure)
-        self._kernels.gather = make_gather(self._structure)
         self._moving_faces = any(face.moving for face in scene.faces.values())
         self._moving_bodies = any(body.moving for body in scene.bodies.values())
         self._stepper = None

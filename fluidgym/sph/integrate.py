@@ -24,7 +24,7 @@ from fluidgym.records import fetch, get, put, set_to
 from fluidgym.sph.bodies import make_bodies
 from fluidgym.sph.constants import Constants
 from fluidgym.sph.inflow import FREE, GONE, IN_PIPE, WEIGHED, make_carriers, make_emit
-from fluidgym.sph.neighbors import Grid, make_cell_of
+from fluidgym.sph.neighbors import Grid, make_cell_of, make_gather
 from fluidgym.sph.pair_loop import make_pair_loop
 from fluidgym.sph.shifting import make_shift
 from fluidgym.sph.structure import Structure
@@ -419,4 +419,5 @@ def make_step(s: Structure) -> SimpleNamespace:
         conduct=make_conduct(s) if s.heat else None,
         emit=make_emit(s) if s.round_pipes else None,
         shift=make_shift(s) if s.shifted else None,
+        gather=make_gather(s),
     )
