@@ -253,6 +253,10 @@ def make_structure(
         leaning=scheme.preset == "delta" and bool((p["density_diffusion"] > 0.0).any()) and not scene.is_full,
         wall=wall,
         balls=tuple(isinstance(body.shape, Ball) for body in bodies),
+        hiding=any(
+            min(np.subtract(*reversed(body.shape.bounds()))) < scheme.support(scene.particle_spacing, dim)
+            for body in bodies
+        ),
         no_slip_bodies=tuple(body.slip == "no" for body in bodies),
         warm_bodies=tuple(heat and body.temperature is not None for body in bodies),
         round_pipes=tuple(dim == 3 and inflow.height is None for inflow in scene.inflows.values()),

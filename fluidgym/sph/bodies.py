@@ -25,6 +25,7 @@ import warp as wp
 
 from fluidgym.records import get, get_of
 from fluidgym.sph.constants import Constants
+from fluidgym.sph.fans import TOUCH, make_fans
 from fluidgym.sph.structure import Structure
 from fluidgym.state import Bodies, Faces
 
@@ -40,7 +41,8 @@ _EIGHT, _EIGHT_SHARES = gauss(8)
 _FIVE, _FIVE_SHARES = gauss(5)
 
 # Four nodes along a ray: exact for the default kernel. On [0, 1].
-NODES, NODE_SHARES = (wp.constant(wp.vec4(*values)) for values in gauss(4))
+FOUR, FOUR_SHARES = gauss(4)
+NODES, NODE_SHARES = wp.constant(wp.vec4(*FOUR)), wp.constant(wp.vec4(*FOUR_SHARES))
 
 # For viscosity the velocity of a point, against the body's, is that of the particle times its own distance from the
 # surface over the particle's, to this much at most.
@@ -49,12 +51,9 @@ STEEPEST = wp.constant(2.0)
 # A particle is kept this far off a body, over the spacing: on its surface it would not know on which side it is.
 CLEAR = wp.constant(0.01)
 
-# Bodies this near to each other or to a wall, over the reach of the kernel, touch.
-TOUCH = wp.constant(1.0e-3)
-
 BITS = wp.constant(31)  # of the company of a patch
 
-NOTHING = wp.constant(1.0e30)  # distance to what is not there
+NOTHING = wp.constant(1.0e30)  # distance to what is not there [m]
 
 
 @lru_cache
@@ -64,8 +63,9 @@ def make_bodies(s: Structure) -> SimpleNamespace:
     Returns:
         A namespace of Screens (a matrix type: middle and half sides, a row for each body and for its image), screens
         (fills one), near (whether any body is in reach), patches, rays and others (numbers: of sides that there may be,
-        of rays to one, of bodies and images), patch (a side as the particle sees it), ray (one that meets it), record
-        (of forces), cushion and keep_out (the safety net at bodies).
+        of rays to one, of bodies and images), company (which are near), patch (a side as the particle sees it), ray
+        (one that meets it), Fan and fan (all that meet it, fans.py), record (of forces), cushion and keep_out (the
+        safety net at bodies).
     """
     dim, n_bodies = s.dim, len(s.balls)
     vec = wp.types.vector(dim, wp.float32)
@@ -77,13 +77,15 @@ def make_bodies(s: Structure) -> SimpleNamespace:
     five, five_shares = wp.types.vector(5, wp.float32)(*_FIVE), wp.types.vector(5, wp.float32)(*_FIVE_SHARES)
     balls = wp.int32(sum(bool(ball) << body for body, ball in enumerate(s.balls)))
     mirrors = wp.int32(sum((kind == "mirror") << face for face, kind in enumerate(s.kinds)))
+    fans = make_fans(dim, *((_EIGHT, _EIGHT_SHARES) if dim == 2 else (_FIVE, _FIVE_SHARES)), NOTHING)
+    Fan, to_box, to_ball, past_box, past_ball = fans.Fan, fans.to_box, fans.to_ball, fans.past_box, fans.past_ball
 
     @wp.struct
     class Patch:
         """One side of a body, or of the image of a body beyond a wall, as a particle sees it."""
 
         seen: bool
-        company: int  # which other bodies and images are within reach: bits, shared by those BITS apart
+        company: int  # which other bodies and images are within reach
         body: int
         image: int  # 0 is the body itself, 1 + axis its image
         axis: int  # of the side's normal
@@ -310,34 +312,36 @@ def make_bodies(s: Structure) -> SimpleNamespace:
         return it
 
     @wp.func
-    def company(
-        x: vec, body: int, body_image: int, found: flags, world: int, bodies: Bodies, faces: Faces, reach: float
-    ) -> int:
-        """Which other bodies and images are within reach."""
+    def company(x: vec, found: flags, world: int, bodies: Bodies, faces: Faces, reach: float) -> int:
+        """Which bodies and images are within reach: bits, shared by those BITS apart."""
         bits = int(0)
         for n in range(bodies.others):
-            b = n // wp.static(images)
             image = n % wp.static(images)
-            if b != body or image != body_image:
-                if present(image, found, world, faces):
-                    other = extent(x, image, found, world, b, bodies, faces, reach)
-                    gap = float(0.0)
-                    for k in range(wp.static(dim)):
-                        beyond = wp.max(wp.abs(other.middle[k]) - other.half[k], 0.0)
-                        gap += beyond * beyond
-                    if gap < reach * reach and not other.absent:
-                        bits |= 1 << (n % BITS)
+            if present(image, found, world, faces):
+                other = extent(x, image, found, world, n // wp.static(images), bodies, faces, reach)
+                gap = float(0.0)
+                for k in range(wp.static(dim)):
+                    beyond = wp.max(wp.abs(other.middle[k]) - other.half[k], 0.0)
+                    gap += beyond * beyond
+                if gap < reach * reach and not other.absent:
+                    bits |= 1 << (n % BITS)
         return bits
 
     @wp.func
-    def patch(n: int, x: vec, found: flags, world: int, bodies: Bodies, faces: Faces, reach: float) -> Patch:
-        """The n-th of the sides that there may be."""
+    def patch(
+        n: int, near: int, x: vec, found: flags, world: int, bodies: Bodies, faces: Faces, reach: float
+    ) -> Patch:  # fmt: skip
+        """The n-th of the sides that there may be, where that company is near."""
         it = Patch()
+        number = n // wp.static(dim)
         it.axis = n % wp.static(dim)
-        it.image = (n // wp.static(dim)) % wp.static(images)
-        it.body = n // wp.static(dim * images)
-        if not present(it.image, found, world, faces):
+        it.image = number % wp.static(images)
+        it.body = number // wp.static(images)
+        if (near >> (number % BITS)) & 1 == 0 or not present(it.image, found, world, faces):
             return it
+        it.company = near
+        if wp.static(n_bodies * images) <= BITS:
+            it.company = near & ~(1 << number)
         whole = extent(x, it.image, found, world, it.body, bodies, faces, reach)
         if whole.absent:
             return it
@@ -366,9 +370,6 @@ def make_bodies(s: Structure) -> SimpleNamespace:
             m = (it.axis + 1) % wp.static(dim)
             it.first = wp.atan2(it.low[m], it.gap)
             it.width = wp.atan2(it.high[m], it.gap) - it.first
-        if wp.static(n_bodies * images > 1):
-            if it.seen:
-                it.company = company(x, it.body, it.image, found, world, bodies, faces, reach)
         for k in range(wp.static(dim)):
             it.velocity[k] = get_of(bodies.velocity, world, it.body, k)
             it.acceleration[k] = get_of(bodies.acceleration, world, it.body, k)
@@ -476,6 +477,30 @@ def make_bodies(s: Structure) -> SimpleNamespace:
         return it
 
     @wp.func
+    def fan(p: Patch, x: vec, found: flags, world: int, bodies: Bodies, faces: Faces, reach: float) -> Fan:
+        """All rays to a patch."""
+        it = Fan()
+        if (balls >> p.body) & 1 != 0:
+            it = to_ball(p.middle, p.gap, get(bodies.half, p.body, 0), reach)
+        else:
+            it = to_box(p.gap, p.side, p.axis, p.first, p.width, p.low, p.high, p.middle, p.half, reach)
+        if p.company != 0:
+            for again in range(2 * bodies.others):
+                number = again % bodies.others
+                b = number // wp.static(images)
+                image = number % wp.static(images)
+                if (p.company >> (number % BITS)) & 1 != 0 and (b != p.body or image != p.image):
+                    if present(image, found, world, faces):
+                        other = extent(x, image, found, world, b, bodies, faces, reach)
+                        if not other.absent:
+                            earlier = b < p.body or (b == p.body and image < p.image)
+                            if (balls >> b) & 1 != 0:
+                                it = past_ball(it, other.middle, other.half[0], earlier, reach)
+                            else:
+                                it = past_box(it, other.middle, other.half, earlier, reach)
+        return it
+
+    @wp.func
     def record(value: vec, world: int, b: int, forces: wp.array3d[wp.int64], c: Constants):
         """Add what a body does to a particle [m/s2] to the sum, in fixed point."""
         for k in range(wp.static(dim)):
@@ -552,8 +577,11 @@ def make_bodies(s: Structure) -> SimpleNamespace:
         others=n_bodies * images,
         screens=screens,
         near=near,
+        company=company,
         patch=patch,
         ray=ray,
+        Fan=Fan,
+        fan=fan,
         record=record,
         cushion=cushion,
         keep_out=keep_out,

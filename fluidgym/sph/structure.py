@@ -30,6 +30,7 @@ class Structure:
         central: Whether the origin pulls.
         wall: What a bare face does: "penalty", "clamp" or "frozen".
         balls: Whether each body is a ball; the others are boxes, (body,).
+        hiding: Whether a body is so thin that it may come between two particles that would else meet.
         no_slip_bodies: Whether viscosity holds the fluid at each body, (body,).
         warm_bodies: Whether each body has a temperature of its own, (body,).
         round_pipes: Whether each nozzle's pipe is round, (inflow,).
@@ -57,6 +58,7 @@ class Structure:
     leaning: bool = False
     wall: str = "mirror"
     balls: tuple[bool, ...] = ()
+    hiding: bool = False
     no_slip_bodies: tuple[bool, ...] = ()
     warm_bodies: tuple[bool, ...] = ()
     round_pipes: tuple[bool, ...] = ()
@@ -74,7 +76,7 @@ class Structure:
         Then the images are mirror images all, of one pull, without signs; none is hidden by a body from one of the two,
         and nobody asks what each wall does.
         """
-        odd = "periodic" in self.kinds or any(self.no_slip) or self.central or self.balls or self.forces
+        odd = "periodic" in self.kinds or any(self.no_slip) or self.central or self.hiding or self.forces
         return self.half and not odd
 
     @property

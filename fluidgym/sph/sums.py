@@ -7,9 +7,10 @@ from functools import lru_cache, partial
 
 import warp as wp
 
-from fluidgym.sph.bodies import NODE_SHARES, NODES, STEEPEST, make_bodies
+from fluidgym.sph.bodies import FOUR, FOUR_SHARES, NODE_SHARES, NODES, STEEPEST, make_bodies
 from fluidgym.sph.constants import Constants
 from fluidgym.sph.continuity import DENSITY_DIFFUSION
+from fluidgym.sph.fans import make_density_fan, make_force_fan
 from fluidgym.sph.heat import CONDUCTION
 from fluidgym.sph.mueller import KERNEL_VISCOSITY
 from fluidgym.sph.neighbors import Grid
@@ -61,7 +62,8 @@ def make_density_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
     flags = wp.types.vector(dim, wp.int32)
     images, solids, slope, weight = make_images(s), make_bodies(s), s.slope, s.weight
     near, count, query, near_bare = images.near, images.count, images.query, images.near_bare
-    near_body, patch, ray, screens = solids.near, solids.patch, solids.ray, solids.screens
+    near_body, company, patch, ray, fan = solids.near, solids.company, solids.patch, solids.ray, solids.fan
+    screens = solids.screens
     pair_loop = partial(make_pair_loop, dim, slope=slope, force=False, plain=s.plain, weight=weight)
     frozen_loop, emit_frozen = pair_loop(
         _of_frozen(s, s.density_terms), width=s.bare_width, tilted=False, of_images=True
@@ -71,15 +73,17 @@ def make_density_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
     (loop, emit_fluid), (screened, _) = of_images(half=s.half_images), of_images(screen=_screen(s))
     (own_loop, _), (own_screened, _) = own(), own(screen=_screen(s))
     term = total(tuple(bound(term, dim) for term in s.density_terms))
+    fan_sum = make_density_fan(dim, solids.Fan, term, slope, weight, FOUR, FOUR_SHARES)
 
     @wp.func
-    def shadow(
+    def shadow_of_rays(
         x: vec, u: vec, a: float, found: flags, world: int, faces: Faces, bodies: Bodies, c: Constants
     ) -> wp.vec3:
         """The sum over the dummy points behind bodies."""
         sum = wp.vec3(0.0, 0.0, 0.0)
+        around = company(x, found, world, bodies, faces, c.support)
         for n in range(bodies.patches):
-            it = patch(n, x, found, world, bodies, faces, c.support)
+            it = patch(n, around, x, found, world, bodies, faces, c.support)
             if it.seen:
                 for k in range(bodies.rays):
                     hit = ray(k, it, x, found, world, bodies, faces, c.support)
@@ -93,6 +97,21 @@ def make_density_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
         return sum
 
     @wp.func
+    def shadow_of_fans(
+        x: vec, u: vec, a: float, found: flags, world: int, faces: Faces, bodies: Bodies, c: Constants
+    ) -> wp.vec3:
+        """The same, all rays of a patch at once."""
+        sum = wp.vec3(0.0, 0.0, 0.0)
+        around = company(x, found, world, bodies, faces, c.support)
+        for n in range(bodies.patches):
+            it = patch(n, around, x, found, world, bodies, faces, c.support)
+            if it.seen:
+                sum += fan_sum(fan(it, x, found, world, bodies, faces, c.support), u - it.velocity, a, c)
+        return sum
+
+    shadow = shadow_of_fans if s.half else shadow_of_rays
+
+    @wp.func
     def density_sum(
         i: int, free: bool, x: vec, u: vec, a: float, g: vec, lean: vec, world: int, reach: float, faces: Faces,
         bodies: Bodies, frozen: Frozen, frozen_grid: Grid, records: wp.array[float], bounds: wp.array[int], grid: Grid,
@@ -102,14 +121,17 @@ def make_density_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
         one = vec(1.0)
         tilt = c.inv_c_0_squared * (g - lean)
         shaded = bool(False)
+        screening = bool(False)
         if wp.static(len(s.balls) > 0):
             shaded = near_body(x, world, bodies, c.support)
+        if wp.static(s.hiding):
+            screening = shaded
             if shaded:
                 sum = own_screened(
                     i, x, u, a, 0.0, tilt, one, world, reach, records, bounds, grid, c, sums, spans,
                     screens(world, bodies, one, x, one, c.support),
                 )  # fmt: skip
-        if not shaded:
+        if not screening:
             sum = own_loop(i, x, u, a, 0.0, tilt, one, world, reach, records, bounds, grid, c, sums, spans)
         if free:
             found = flags()
@@ -117,14 +139,14 @@ def make_density_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
                 found = near(x, world, faces, c.support)
                 for n in range(1, count(found)):
                     q = query(n, found, x, u, g, lean, world, faces, c)
-                    if wp.static(len(s.balls) > 0):
+                    if wp.static(s.hiding):
                         if shaded:
                             sum += screened(
                                 i, q.position, q.velocity, a, q.offset, q.density_tilt, one, world, reach, records,
                                 bounds, grid, c, sums, spans,
                                 screens(world, bodies, q.turn, q.plane, x - q.position, c.support),
                             )  # fmt: skip
-                    if not shaded:
+                    if not screening:
                         sum += loop(
                             i, q.position, q.velocity, a, q.offset, q.density_tilt, one, world, reach, records, bounds,
                             grid, c, sums, spans,
@@ -173,7 +195,8 @@ def make_force_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
     sticky = wp.int32(sum(bool(stick) << body for body, stick in enumerate(s.no_slip_bodies)))
     images, solids, slope = make_images(s), make_bodies(s), s.slope
     near, count, query, near_bare = images.near, images.count, images.query, images.near_bare
-    near_body, patch, ray, screens = solids.near, solids.patch, solids.ray, solids.screens
+    near_body, company, patch, ray, fan = solids.near, solids.company, solids.patch, solids.ray, solids.fan
+    screens = solids.screens
     record_face, record_body = images.record, solids.record
     pair_loop = partial(make_pair_loop, dim, slope=slope, force=True, plain=s.plain)
     frozen_loop, emit_frozen = pair_loop(_of_frozen(s, s.force_terms), width=s.bare_width, tilted=False)
@@ -185,17 +208,28 @@ def make_force_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
     drags = tuple(bound(term, dim) for term in s.force_terms if isinstance(term, Drag))
     force = total(tuple(bound(term, dim) for term in s.force_terms if not isinstance(term, Drag)))
     drag = total(drags) if drags else no_term
+    fan_sum = make_force_fan(dim, solids.Fan, force, drag if drags else None, slope, STEEPEST, FOUR, FOUR_SHARES)
 
     @wp.func
-    def shadow(
+    def record_bodies(of_body: Forces, world: int, forces: wp.array3d[wp.int64], c: Constants):
+        """What the bodies do to a particle goes to the sums."""
+        for b in range(wp.static(n_bodies)):
+            value = vec()
+            for k in range(wp.static(dim)):
+                value[k] = c.volume * of_body[b, k]
+            record_body(value, world, b, forces, c)
+
+    @wp.func
+    def shadow_of_rays(
         x: vec, u: vec, a: float, g: vec, found: flags, world: int, faces: Faces, bodies: Bodies,
         forces: wp.array3d[wp.int64], c: Constants,
     ) -> vec:  # fmt: skip
         """The sum over the dummy points behind bodies."""
         sum = vec()
         of_body = Forces()
+        around = company(x, found, world, bodies, faces, c.support)
         for n in range(bodies.patches):
-            it = patch(n, x, found, world, bodies, faces, c.support)
+            it = patch(n, around, x, found, world, bodies, faces, c.support)
             if it.seen:
                 part = vec()
                 for k in range(bodies.rays):
@@ -223,12 +257,34 @@ def make_force_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
                     for k in range(wp.static(dim)):
                         of_body[it.body, k] += part[k]
         if wp.static(s.forces):
-            for b in range(wp.static(n_bodies)):
-                value = vec()
-                for k in range(wp.static(dim)):
-                    value[k] = c.volume * of_body[b, k]
-                record_body(value, world, b, forces, c)
+            record_bodies(of_body, world, forces, c)
         return sum
+
+    @wp.func
+    def shadow_of_fans(
+        x: vec, u: vec, a: float, g: vec, found: flags, world: int, faces: Faces, bodies: Bodies,
+        forces: wp.array3d[wp.int64], c: Constants,
+    ) -> vec:  # fmt: skip
+        """The same, all rays of a patch at once."""
+        sum = vec()
+        of_body = Forces()
+        around = company(x, found, world, bodies, faces, c.support)
+        for n in range(bodies.patches):
+            it = patch(n, around, x, found, world, bodies, faces, c.support)
+            if it.seen:
+                part = fan_sum(
+                    fan(it, x, found, world, bodies, faces, c.support), u - it.velocity, it.acceleration, a, g,
+                    (sticky >> it.body) & 1 != 0, c,
+                )  # fmt: skip
+                sum += part
+                if wp.static(s.forces):
+                    for k in range(wp.static(dim)):
+                        of_body[it.body, k] += part[k]
+        if wp.static(s.forces):
+            record_bodies(of_body, world, forces, c)
+        return sum
+
+    shadow = shadow_of_fans if s.half else shadow_of_rays
 
     @wp.func
     def force_sum(
@@ -240,14 +296,17 @@ def make_force_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
         zero = vec()
         one = vec(1.0)
         shaded = bool(False)
+        screening = bool(False)
         if wp.static(n_bodies > 0):
             shaded = near_body(x, world, bodies, c.support)
+        if wp.static(s.hiding):
+            screening = shaded
             if shaded:
                 sum = own_screened(
                     i, x, u, a, 0.0, zero, one, world, reach, records, bounds, grid, c, sums, spans,
                     screens(world, bodies, one, x, one, c.support),
                 )  # fmt: skip
-        if not shaded:
+        if not screening:
             sum = own_loop(i, x, u, a, 0.0, zero, one, world, reach, records, bounds, grid, c, sums, spans)
         if free:
             found = flags()
@@ -256,14 +315,14 @@ def make_force_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
                 for n in range(1, count(found)):
                     q = query(n, found, x, u, g, zero, world, faces, c)
                     f = vec()
-                    if wp.static(n_bodies > 0):
+                    if wp.static(s.hiding):
                         if shaded:
                             f = screened(
                                 i, q.position, q.viscous_velocity, a, q.offset, q.pressure_tilt, q.viscous_turn, world,
                                 reach, records, bounds, grid, c, sums, spans,
                                 screens(world, bodies, q.turn, q.plane, x - q.position, c.support),
                             )  # fmt: skip
-                    if not shaded:
+                    if not screening:
                         f = loop(
                             i, q.position, q.viscous_velocity, a, q.offset, q.pressure_tilt, q.viscous_turn, world,
                             reach, records, bounds, grid, c, sums, spans,
@@ -304,7 +363,7 @@ def make_heat_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
     warm = wp.int32(sum(bool(own) << body for body, own in enumerate(s.warm_bodies)))
     images, solids, slope = make_images(s), make_bodies(s), s.slope
     near, count, query = images.near, images.count, images.query
-    near_body, patch, ray, screens = solids.near, solids.patch, solids.ray, solids.screens
+    near_body, company, patch, ray, screens = solids.near, solids.company, solids.patch, solids.ray, solids.screens
     of_fluid = partial(
         make_pair_loop, dim, (CONDUCTION,), slope, False, s.end_width, False, plain=s.plain, field_at=2 * dim + 1
     )
@@ -317,8 +376,9 @@ def make_heat_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
     def shadow(x: vec, a: float, found: flags, world: int, faces: Faces, bodies: Bodies, c: Constants) -> float:
         """The sum over the dummy points behind bodies: linear from the particle through the surface."""
         sum = float(0.0)
+        around = company(x, found, world, bodies, faces, c.support)
         for n in range(bodies.patches):
-            it = patch(n, x, found, world, bodies, faces, c.support)
+            it = patch(n, around, x, found, world, bodies, faces, c.support)
             if it.seen and (warm >> it.body) & 1 != 0:
                 for k in range(bodies.rays):
                     hit = ray(k, it, x, found, world, bodies, faces, c.support)
@@ -341,14 +401,17 @@ def make_heat_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
         zero = vec()
         one = vec(1.0)
         shaded = bool(False)
+        screening = bool(False)
         if wp.static(len(s.balls) > 0):
             shaded = near_body(x, world, bodies, c.support)
+        if wp.static(s.hiding):
+            screening = shaded
             if shaded:
                 part = own_screened(
                     i, x, zero, a, 0.0, zero, one, world, reach, records, bounds, grid, c, sums, spans,
                     screens(world, bodies, one, x, one, c.support),
                 )  # fmt: skip
-        if not shaded:
+        if not screening:
             part = own_loop(i, x, zero, a, 0.0, zero, one, world, reach, records, bounds, grid, c, sums, spans)
         sum = part[0]
         if free:
@@ -357,14 +420,14 @@ def make_heat_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
                 found = near(x, world, faces, c.support)
                 for n in range(1, count(found)):
                     q = query(n, found, x, zero, zero, zero, world, faces, c)
-                    if wp.static(len(s.balls) > 0):
+                    if wp.static(s.hiding):
                         if shaded:
                             part = screened(
                                 i, q.position, zero, q.flip * (a - q.shift), 0.0, zero, one, world, reach, records,
                                 bounds, grid, c, sums, spans,
                                 screens(world, bodies, q.turn, q.plane, x - q.position, c.support),
                             )  # fmt: skip
-                    if not shaded:
+                    if not screening:
                         part = loop(
                             i, q.position, zero, q.flip * (a - q.shift), 0.0, zero, one, world, reach, records, bounds,
                             grid, c, sums, spans,
