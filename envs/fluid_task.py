@@ -40,6 +40,8 @@ class Level:
         disturbance: Largest sideways acceleration of the ground over gravity.
         viscosity: Largest kinematic viscosity of the fluid [m2/s]; every episode draws its own from 0 to this.
         resolution: By dimension, where it is not that of the fidelity.
+        grids: Cells of the coarse grid by dimension, where they are not the task's.
+        interval: Time between actions [s], where it is not the task's.
     """
 
     fidelity: str = "balanced"
@@ -47,6 +49,8 @@ class Level:
     disturbance: float = 0.0
     viscosity: float = 0.0
     resolution: Mapping[int, int] = field(default_factory=dict)
+    grids: dict[int, tuple[int, ...]] = field(default_factory=dict)
+    interval: float | None = None
 
 
 class FluidTask(Task):
@@ -78,7 +82,7 @@ class FluidTask(Task):
     title: ClassVar[str]
     boxes: ClassVar[Mapping[int, tuple[float, ...]]]
     counted: ClassVar[tuple[str, float]]
-    grids: ClassVar[Mapping[int, tuple[int, ...]]]
+    grids: ClassVar[dict[int, tuple[int, ...]]]
     interval: ClassVar[float] = 0.05
     duration: ClassVar[float] = 4.0
     levels: ClassVar[Mapping[str, Level]]
@@ -112,8 +116,8 @@ class FluidTask(Task):
 
         Args:
             dim: Number of dimensions.
-            difficulty: "easy", "medium" or "hard": fidelity, resolution, and how far starts, disturbance and viscosity
-                range, unless they are given.
+            difficulty: "easy", "medium" or "hard": fidelity, resolution, grid, control interval, and how far starts,
+                disturbance and viscosity range, unless they are given.
             resolution: Particles over the length that the task counts them along; None is that of the fidelity.
             obs: "flat" is one vector, "grid" (channel, ny, nx) or (channel, nz, ny, nx), "image", in 2D, uint8 (row,
                 column, channel), at least 40 pixels each way.
@@ -145,14 +149,16 @@ class FluidTask(Task):
             usual = level.resolution.get(dim, usual)
         self.dim, self.difficulty, self.obs = dim, difficulty, obs
         self.resolution = self._whole("resolution", resolution, usual)
-        self.control_interval = _number("control_interval", control_interval, self.interval, 0.005, 0.5, "s")
+        self.control_interval = _number(
+            "control_interval", control_interval, level.interval or self.interval, 0.005, 0.5, "s"
+        )
         self.episode = _number("episode", episode, self.duration, 0.005, 3600.0, "s")
         self.variation = _number("variation", variation, level.variation, 0.0, 1.0)
         self.disturbance = _number("disturbance", disturbance, level.disturbance, 0.0, 0.5)
         self.viscosity = _number("viscosity", viscosity, level.viscosity, 0.0, 0.1, "m2/s")
         self.jitter = _number("jitter", jitter, 0.05, 0.0, 0.25)
         observations.check_kind(obs)
-        self.grid = observations.check_grid(self.grids[dim] if grid is None else grid, dim)
+        self.grid = observations.check_grid((self.grids | level.grids)[dim] if grid is None else grid, dim)
         self.weights = _all_weights(self.costs, weights)
         self.max_episode_steps = max(1, math.ceil(self.episode / self.control_interval - 1e-9))
         self.spacing = self.counted[1] / self.resolution

@@ -3,13 +3,19 @@
 For each task one that does nothing, the scripted one, and PPO (examples/ppo.py), trained anew with several seeds and
 scored on the held-out seeds of the test band. Leaves docs/baselines.json, the learning curves, the table in
 docs/tasks.md, and the best policy of each task by the validation band in examples/policies/. Tasks that are not named
-keep what they have. Wants PyTorch and matplotlib (pip install "fluidgym-sph[plot,ppo]"); an hour for two tasks.
+keep what they have. Wants PyTorch and matplotlib (pip install "fluidgym-sph[plot,ppo]"). --jobs runs go on at a time, a
+thread each; with as many as there are cores, all tasks take an hour and a half on two.
 """
 
 import argparse
+import contextlib
 import json
 import math
+import os
 import time
+from collections.abc import Callable
+from concurrent.futures import Future, ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 
 import gymnasium as gym
@@ -39,8 +45,14 @@ def interval(values: list[float]) -> list[float]:
     return [float(np.mean(values)), margin]
 
 
-def rates(options: dict, steps: int = 20) -> dict[str, float]:
+def task_options(env_id: str, chosen: argparse.Namespace) -> dict:
+    """What the environments are made with."""
+    return {**gym.spec(env_id).kwargs, "difficulty": chosen.difficulty, "device": chosen.device}
+
+
+def rates(env_id: str, chosen: argparse.Namespace, steps: int = 20) -> dict[str, float]:
     """Environment steps a second in batches of several sizes, random actions."""
+    options = task_options(env_id, chosen)
     found = {}
     for worlds in WORLDS:
         envs = FluidVectorEnv(worlds, **options)
@@ -57,41 +69,72 @@ def rates(options: dict, steps: int = 20) -> dict[str, float]:
     return found
 
 
-def measure(env_id: str, chosen: argparse.Namespace) -> dict:
-    """Score a task's controllers."""
-    options = {**gym.spec(env_id).kwargs, "difficulty": chosen.difficulty, "device": chosen.device}
+def learn(env_id: str, seed: int, chosen: argparse.Namespace) -> dict:
+    """Train a controller and score it."""
+    options = task_options(env_id, chosen)
+    threads = 1 if chosen.jobs > 1 else None
+    begin = time.monotonic()
+    policy, curve = train(
+        env_id, chosen.difficulty, chosen.worlds, chosen.steps, chosen.minutes, seed, chosen.device, None, threads
+    )
+    return {
+        "policy": policy,
+        "curve": thinned(curve),
+        "minutes": (time.monotonic() - begin) / 60.0,
+        "validated": evaluate(policy, episodes=chosen.episodes, seeds=VALIDATION, **options).mean,
+        "tested": evaluate(policy, episodes=chosen.episodes, seeds=TEST, **options).mean,
+    }
+
+
+def measure(env_id: str, speeds: dict[str, float], runs: list[dict], chosen: argparse.Namespace) -> dict:
+    """Score a task's controllers, those of PPO among them; the best by the validation band is kept in a file."""
+    options = task_options(env_id, chosen)
     env = FluidEnv(**options)
     env.reset(seed=0)
     row: dict = {"particles": env.solver.account().live, "difficulty": chosen.difficulty}
     finer = {**options, "resolution": 2 * env.task.resolution}
     env.close()
-    row["env_steps_per_s"] = rates(options)
+    row["env_steps_per_s"] = speeds
     for name in ("null", "scripted"):
         score = evaluate(name, episodes=chosen.episodes, seeds=TEST, **options)
         row[name] = {"mean": score.mean, "margin": score.margin, "parts": score.parts}
-    best, scores, row["curves"] = None, [], []
-    for seed in range(chosen.seeds):
-        policy, curve = train(
-            env_id, chosen.difficulty, chosen.worlds, chosen.steps, chosen.minutes, seed, chosen.device, None
-        )
-        validated = evaluate(policy, episodes=chosen.episodes, seeds=VALIDATION, **options).mean
-        scores.append(evaluate(policy, episodes=chosen.episodes, seeds=TEST, **options).mean)
-        row["curves"].append(thinned(curve))
-        if best is None or validated > best[0]:
-            best = validated, policy
-        print(f"{env_id} PPO, seed {seed}: {scores[-1]:.1f} ({policy.about['steps']} steps)", flush=True)
+    row["curves"] = [run["curve"] for run in runs]
+    scores = [run["tested"] for run in runs]
     mean, margin = interval(scores)
-    row["ppo"] = {"mean": mean, "margin": margin, "scores": scores, "minutes": chosen.minutes}
-    if best is not None:
-        row["ppo"]["steps"] = best[1].about["steps"]
-        row["ppo"]["twice the resolution"] = evaluate(best[1], episodes=chosen.episodes, seeds=TEST, **finer).mean
-        row["scripted"]["twice the resolution"] = evaluate(
-            "scripted", episodes=chosen.episodes, seeds=TEST, **finer
-        ).mean
-        folder = chosen.policies
-        folder.mkdir(exist_ok=True)
-        best[1].save(folder / f"{env_id.rpartition('/')[2]}.npz")
+    best = max(runs, key=lambda run: run["validated"])["policy"]
+    row["ppo"] = {
+        "mean": mean,
+        "margin": margin,
+        "scores": scores,
+        "minutes": [run["minutes"] for run in runs],
+        "steps": [run["policy"].about["steps"] for run in runs],
+        "twice the resolution": evaluate(best, episodes=chosen.episodes, seeds=TEST, **finer).mean,
+    }
+    row["scripted"]["twice the resolution"] = evaluate("scripted", episodes=chosen.episodes, seeds=TEST, **finer).mean
+    chosen.policies.mkdir(exist_ok=True)
+    best.save(chosen.policies / f"{env_id.rpartition('/')[2]}.npz")
     return row
+
+
+@contextlib.contextmanager
+def workers(jobs: int):
+    """Gives a function that begins a call: at once, or in a process of its own; what it gives back has a `result`."""
+    if jobs == 1:
+        yield _Now
+        return
+    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
+        yield pool.submit
+
+
+class _Now:
+    """A call whose result is asked for later, made then."""
+
+    def __init__(self, function: Callable, *arguments):
+        self._call = function, arguments
+
+    def result(self):
+        function, arguments = self._call
+        return function(*arguments)
 
 
 def thinned(curve: list[tuple[int, float]], points: int = 60) -> list[list[float]]:
@@ -168,8 +211,11 @@ def main() -> None:
     parser.add_argument("--difficulty", default="easy", help="easy, medium or hard (default: easy)")
     parser.add_argument("--seeds", type=int, default=3, help="runs of each (default: 3)")
     parser.add_argument("--worlds", type=int, default=32, help="(default: 32)")
-    parser.add_argument("--steps", type=int, default=1_000_000, help="of a run at most (default: a million)")
+    parser.add_argument("--steps", type=int, default=120_000, help="of a run at most (default: 120000)")
     parser.add_argument("--minutes", type=float, default=10.0, help="of a run at most (default: 10)")
+    parser.add_argument(
+        "--jobs", type=int, default=os.cpu_count() or 1, help="runs at a time (default: as many as cores)"
+    )
     parser.add_argument("--episodes", type=int, default=32, help="to score with (default: 32)")
     parser.add_argument("--device", default=None, help="of the fluid (default: a GPU where there is one)")
     parser.add_argument("--docs", type=Path, default=HERE.parent / "docs", help="folder (default: docs)")
@@ -182,17 +228,24 @@ def main() -> None:
     every = [name for name in gym.registry if name.startswith("fluidgym/") and "2D" in name]
     kept = chosen.docs / "baselines.json"
     rows = json.loads(kept.read_text()) if kept.exists() else {}
-    for env_id in tqdm(chosen.ids or every, unit="task", disable=None):
-        rows[env_id] = measure(env_id, chosen)
-        rows = {name: rows[name] for name in gym.registry if name in rows}
-        kept.write_text(json.dumps(rows))
-        draw(rows, chosen.docs / "learning_curves.png")
-        page = chosen.docs / "tasks.md"
-        if page.exists():
-            before, _, rest = page.read_text().partition(TABLE)
-            _, _, after = rest.partition(TABLE)
-            page.write_text(f"{before}{TABLE}\n\n{table(rows)}\n\n{TABLE}{after}")
-        print(table({env_id: rows[env_id]}), flush=True)
+    ids = chosen.ids or every
+    chosen.docs.mkdir(exist_ok=True)
+    speeds = {env_id: rates(env_id, chosen) for env_id in ids}  # while nothing else goes on
+    with workers(chosen.jobs) as begin:
+        begun: dict[str, list[Future | _Now]] = {
+            env_id: [begin(learn, env_id, seed, chosen) for seed in range(chosen.seeds)] for env_id in ids
+        }
+        for env_id in tqdm(ids, unit="task", disable=None):
+            rows[env_id] = measure(env_id, speeds[env_id], [run.result() for run in begun[env_id]], chosen)
+            rows = {name: rows[name] for name in gym.registry if name in rows}
+            kept.write_text(json.dumps(rows))
+            draw(rows, chosen.docs / "learning_curves.png")
+            page = chosen.docs / "tasks.md"
+            if page.exists():
+                before, _, rest = page.read_text().partition(TABLE)
+                _, _, after = rest.partition(TABLE)
+                page.write_text(f"{before}{TABLE}\n\n{table(rows)}\n\n{TABLE}{after}")
+            print(table({env_id: rows[env_id]}), flush=True)
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ scaled by running estimates, as Gymnasium's wrappers do.
 
 import argparse
 import json
+import math
 import time
 from itertools import pairwise
 from pathlib import Path
@@ -20,12 +21,13 @@ from tqdm import tqdm
 from fluidgym.envs.evaluation import VALIDATION, evaluate
 from fluidgym.envs.policy import Policy
 
-HORIZON = 64  # steps of each world between updates
-EPOCHS, BATCHES = 8, 8
+HORIZON = 40  # steps of each world between updates
+EPOCHS, BATCHES = 8, 4
 RATE = 5e-4
 GAMMA, LAMBDA = 0.99, 0.95
 CLIP = 0.2
 HIDDEN = 64
+WIDTH = 1.0  # of the Gaussian at first: half of it, and breaking dams are pushed too late, for good
 
 
 class Running:
@@ -63,7 +65,7 @@ class Agent(nn.Module):
         super().__init__()
         self.actor = perceptron((seen, HIDDEN, HIDDEN, acts), 0.01)
         self.critic = perceptron((seen, HIDDEN, HIDDEN, 1), 1.0)
-        self.log_std = nn.Parameter(torch.full((acts,), -0.5))
+        self.log_std = nn.Parameter(torch.full((acts,), math.log(WIDTH)))
 
     def look(self, seen: torch.Tensor) -> tuple[torch.distributions.Normal, torch.Tensor]:
         mean = self.actor(seen)
@@ -89,11 +91,12 @@ def advantages(rewards, values, ended, after):
     return found
 
 
-def train(env_id, difficulty, worlds, steps, minutes, seed, device, out):
+def train(env_id, difficulty, worlds, steps, minutes, seed, device, out, threads=None):
     """Train until so many environment steps or minutes are over; the policy and the returns of the episodes."""
     torch.manual_seed(seed)
     torch.set_num_threads(1)  # the perceptron is small, and the fluid wants the processors
-    envs = gym.make_vec(env_id, num_envs=worlds, difficulty=difficulty, device=device, autoreset_mode="SameStep")
+    options = {"difficulty": difficulty, "device": device, "threads": threads}
+    envs = gym.make_vec(env_id, num_envs=worlds, autoreset_mode="SameStep", **options)
     sees, acts = gym.spaces.flatdim(envs.single_observation_space), gym.spaces.flatdim(envs.single_action_space)
     agent, seen = Agent(sees, acts), Running((sees,))
     optimiser = torch.optim.Adam(agent.parameters(), lr=RATE, eps=1e-5)

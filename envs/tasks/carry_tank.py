@@ -51,7 +51,7 @@ class CarryTank(FluidTask):
     grids: ClassVar = {2: (6, 10), 3: (6, 4, 10)}
     duration = 5.0
     levels: ClassVar = {
-        "easy": Level("fast", variation=0.2, resolution={2: 8, 3: 8}),
+        "easy": Level("fast", variation=0.2, resolution={2: 8, 3: 8}, grids={2: (4, 8)}, interval=0.1),
         "medium": Level(variation=0.6),
         "hard": Level(variation=1.0, disturbance=0.03, viscosity=1e-3, resolution={2: 20, 3: 12}),
     }

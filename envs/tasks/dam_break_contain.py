@@ -66,7 +66,7 @@ class DamBreakContain(WallTask):
     counted = ("the column's height", HEIGHT)
     grids: ClassVar = {2: (10, 20), 3: (6, 3, 12)}
     levels: ClassVar = {
-        "easy": Level("fast", variation=0.25, resolution={2: 10}),
+        "easy": Level("fast", variation=0.25, resolution={2: 10}, grids={2: (5, 10)}, interval=0.1),
         "medium": Level(),
         "hard": Level(variation=1.0, disturbance=0.05, viscosity=1e-3, resolution={2: 24, 3: 12}),
     }

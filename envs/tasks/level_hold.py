@@ -49,7 +49,7 @@ class LevelHold(FluidTask):
     grids: ClassVar = {2: (10, 8)}
     duration = 6.0
     levels: ClassVar = {
-        "easy": Level("fast", variation=0.5),
+        "easy": Level("fast", variation=0.5, grids={2: (5, 4)}, interval=0.1),
         "medium": Level(variation=0.8),
         "hard": Level(variation=1.0, disturbance=0.05, viscosity=1e-3, resolution={2: 20}),
     }

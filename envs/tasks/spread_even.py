@@ -40,7 +40,7 @@ class SpreadEven(FluidTask):
     gates: ClassVar = {2: Gate("dam-break")}
     grids: ClassVar = {2: (6, 20)}
     levels: ClassVar = {
-        "easy": Level("fast", variation=0.3, resolution={2: 12}),
+        "easy": Level("fast", variation=0.3, resolution={2: 12}, grids={2: (3, 10)}, interval=0.1),
         "medium": Level(variation=0.7),
         "hard": Level(variation=1.0, disturbance=0.02, viscosity=1e-3, resolution={2: 24}),
     }
