@@ -23,8 +23,10 @@ from fluidgym.sph.measure import Measure
 
 GRAVITY = 9.81  # [m/s2]
 
-# Past this a world has blown up, though its numbers may still be finite: impacts reach 0.1 to 0.2.
+# Past these a world has blown up, though its numbers may still be finite: impacts reach 0.1 to 0.2, and three times the
+# reference speed, a tenth of that of sound.
 LARGEST_DENSITY_ERROR = 0.5
+LARGEST_SPEED = 1.0  # over that of sound
 
 # What every task remembers of each world.
 _MEMORY = ("_steps", "_shaking", "_viscosities", "_effort")
@@ -216,6 +218,8 @@ class FluidTask(Task):
         )
         self._frames: list[Any] = []
         self._begun, self._stepped = np.zeros(worlds, bool), False
+        self._no_reason = np.full(worlds, "", "<U10")
+        self._closed = not scene.outflows and all(face.kind != "open" for face in scene.faces.values())
         self._steps, self._effort = np.zeros(worlds, int), np.zeros(worlds)
         self._shaking = np.zeros((worlds, self.max_episode_steps))
         self._viscosities = np.full(worlds, self.scene.material.viscosity)
@@ -287,6 +291,7 @@ class FluidTask(Task):
         self.fluid = self._measure.run(now.position, now.velocity, now.density_error, now.identity)
         clamped = self.solver.state.clamped.numpy().astype(int)
         self._clamped, self._clamped_before = clamped - self._clamped_before, clamped
+        self._judge()
         self._on_device: Any = None
         self._on_host: Any = None
 
@@ -360,7 +365,23 @@ class FluidTask(Task):
 
     def diverged(self) -> np.ndarray:
         """Worlds whose numbers are not finite or not credible, bool (world,)."""
-        return (self.fluid["broken"] > 0) | (self.fluid["density_error"] > LARGEST_DENSITY_ERROR)
+        return self._diverged
+
+    def reasons(self) -> np.ndarray:
+        """Why worlds have diverged: "not finite", "density", "speed", "mass", or "" where they have not, (world,)."""
+        return np.select(list(self._signs.values()), list(self._signs), "") if self._diverged.any() else self._no_reason
+
+    def _judge(self) -> None:
+        """Find the worlds that have diverged."""
+        fluid = self.fluid
+        self._signs = {
+            "not finite": fluid["broken"] > 0,
+            "density": fluid["density_error"] > LARGEST_DENSITY_ERROR,
+            "speed": fluid["speed"] > LARGEST_SPEED * self.scene.sound_speed,
+        }
+        if self._closed:
+            self._signs["mass"] = self.gone() != 0
+        self._diverged = np.logical_or.reduce(list(self._signs.values()))
 
     def terminated(self) -> np.ndarray:
         """Worlds that have diverged."""
@@ -382,11 +403,12 @@ class FluidTask(Task):
         self.measure()
 
     def info(self) -> dict[str, np.ndarray]:
-        """The parts of the reward, time [s], mass [kg], divergence, penetrations put right, and the task's own."""
+        """The parts of the reward, time [s], mass [kg], divergence and why, penetrations put right, the task's own."""
         return self.parts() | {
             "time": self.time(),
             "mass": self.fluid["live"] * self.scene.particle_mass,
             "diverged": self.diverged(),
+            "reason": self.reasons(),
             "clamped": self._clamped.copy(),
         }
 

@@ -33,6 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     _add_card(commands)
     _add_evaluate(commands)
     _add_play(commands)
+    _add_stress(commands)
     chosen = parser.parse_args(arguments)
     try:
         if getattr(chosen, "precision", None):
@@ -694,6 +695,96 @@ def play(chosen: argparse.Namespace) -> int:
         print(chosen.film)
     print(f"{chosen.id} {chosen.difficulty} {chosen.policy}: return {total:.1f} in {info['time']:.1f} s")
     return 0
+
+
+def _add_stress(commands: argparse._SubParsersAction) -> None:
+    parser = commands.add_parser(
+        "stress",
+        help="try to break the simulator",
+        description="Run the flows that numbers like to break on, and, with --hours, drive every task with the worst"
+        " actions there are; what breaks leaves a file that replays it.",
+    )
+    parser.add_argument(
+        "numbers", nargs="*", type=int, metavar="NUMBER", help="of the stresses, 1 to 12 (default: all)"
+    )
+    parser.add_argument("--long", action="store_true", help="as long as the marks were meant: an hour in all")
+    parser.add_argument(
+        "--hours", type=float, metavar="H", help="drive the tasks for so long in all, after the stresses"
+    )
+    parser.add_argument("--ids", nargs="+", default=[], metavar="ID", help="environments to drive (default: all in 2D)")
+    parser.add_argument("--difficulty", default="medium", help="of these: easy, medium or hard (default: medium)")
+    parser.add_argument("--worlds", type=int, default=32, metavar="N", help="of each at a time (default: 32)")
+    parser.add_argument("--seed", type=int, default=0, help="of what is drawn (default: 0)")
+    parser.add_argument(
+        "--out", type=Path, default=Path("outputs/stress"), metavar="FOLDER", help="for replays of failures"
+    )
+    parser.add_argument("--replay", type=Path, metavar="FILE", help="play a failure again, and nothing else")
+    parser.add_argument("--device", help="cpu, cuda, cuda:1, ...; a GPU where there is one if not given")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the results to this file as well")
+    parser.add_argument("--markdown", type=Path, metavar="FILE", help="write the results as a page")
+    parser.set_defaults(run=stress)
+
+
+def stress(chosen: argparse.Namespace) -> int:
+    """Try to break the simulator: a line for each stress and each task."""
+    from fluidgym.benchmark import machine
+    from fluidgym.soak import Report, replay, soak
+    from fluidgym.solver import find_device
+    from fluidgym.stress import Found, choose, markdown
+    from fluidgym.validation.report import write_json, write_page
+
+    found = Found()
+    try:
+        if chosen.replay:
+            reason, steps = replay(chosen.replay, chosen.device)
+            print(f"{chosen.replay}: {f'diverged ({reason})' if reason else 'sound'} after {steps} steps")
+            return MISSED if reason else 0
+        stresses = choose(chosen.numbers, chosen.hours)
+        environments = _environments(chosen.ids or [name for name in _environments([]) if "2D" in name])
+        _check_file("--json", chosen.json)
+        _check_file("--markdown", chosen.markdown)
+        device = str(find_device(chosen.device))
+        facts = machine(device)
+
+        def keep() -> None:
+            if chosen.json:
+                write_json(chosen.json, [facts, *found.as_json()])
+            if chosen.markdown:
+                write_page(chosen.markdown, markdown(found, facts, _stress_command(chosen)))
+
+        for one in tqdm(stresses, unit="stress", leave=False, disable=None):
+            print(found.add(one, chosen.long, device), flush=True)
+            keep()
+        if chosen.hours:
+            each = 3600.0 * chosen.hours / len(environments)
+            for env_id, given in environments.items():
+                options = {**given, "difficulty": chosen.difficulty}
+                form = BAR.replace(" simulated", "")
+                with tqdm(total=each, bar_format=form, desc=env_id, leave=False, disable=None) as bar:
+
+                    def tell(so_far: Report, bar: tqdm = bar) -> None:
+                        bar.update(min(so_far.seconds, each) - bar.n)
+
+                    task, how = options.pop("task"), (chosen.worlds, chosen.seed, each)
+                    report = soak(task, options, *how, folder=chosen.out, device=device, progress=tell)
+                found.soaked[env_id] = report
+                print(f"{env_id} {chosen.difficulty}: {report}", flush=True)
+                keep()
+    except (ValueError, FileNotFoundError) as error:
+        return _refuse(str(error))
+    except KeyboardInterrupt:
+        print("interrupted; what there was by then is kept", file=sys.stderr)
+        return INTERRUPTED
+    return 0 if found.passed else MISSED
+
+
+def _stress_command(chosen: argparse.Namespace) -> str:
+    """The command that makes the page of `stress` anew."""
+    words = ["stress", *map(str, chosen.numbers)]
+    words += ["--long"] if chosen.long else []
+    words += ["--hours", f"{chosen.hours:g}"] if chosen.hours else []
+    words += ["--difficulty", chosen.difficulty] if chosen.hours else []
+    return _page_command(words, chosen.markdown)
 
 
 def _environments(names: Sequence[str]) -> dict[str, dict[str, Any]]:

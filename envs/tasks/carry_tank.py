@@ -71,7 +71,7 @@ class CarryTank(FluidTask):
         Raises:
             ValueError: An argument is out of its limits.
         """
-        axes = common.get("dim", 2) - 1
+        axes = 2 if common.get("dim") == 3 else 1
         self.actions = axes
         self.numbers = [(-1.0, 1.0)] * (2 * axes) + [(0.0, 1.0)]
         super().__init__(**common)

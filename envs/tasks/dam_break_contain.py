@@ -141,10 +141,6 @@ class DamBreakContain(WallTask):
         low, high = self.wall.travel
         return [(self.position - low) / (high - low), self.velocity / self.wall.max_speed]
 
-    def diverged(self) -> np.ndarray:
-        """Worlds that have blown up, or lost fluid."""
-        return super().diverged() | (self.gone() > 0)
-
     def parts(self) -> dict[str, np.ndarray]:
         """Containment, effort, splash and spread."""
         fluid, width = self.fluid, self.scene.upper[0] - self.scene.lower[0]
