@@ -27,7 +27,8 @@ RATE = 5e-4
 GAMMA, LAMBDA = 0.99, 0.95
 CLIP = 0.2
 HIDDEN = 64
-WIDTH = 1.0  # of the Gaussian at first: half of it, and breaking dams are pushed too late, for good
+WIDTH = 1.0  # of the noise at first
+KEPT = 0.7  # of it from step to step: to move water is to go on for a while (Hollenstein et al. 2024)
 
 
 class Running:
@@ -103,6 +104,7 @@ def train(env_id, difficulty, worlds, steps, minutes, seed, device, out, threads
     about = {"task": env_id, "difficulty": difficulty, "seed": seed}
     returned, discounted = Running(()), np.zeros(worlds)
     curve, earned = [], np.zeros(worlds)
+    noise = torch.randn(worlds, acts)
     updates = max(1, steps // (worlds * HORIZON))
     observation = envs.reset(seed=1000 * seed)[0].reshape(worlds, -1)
     begin = time.monotonic()
@@ -122,7 +124,8 @@ def train(env_id, difficulty, worlds, steps, minutes, seed, device, out, threads
                 looked = scaled(observation)
                 with torch.no_grad():
                     gauss, value = agent.look(looked)
-                    action = gauss.sample()
+                    action = gauss.mean + gauss.stddev * noise
+                    noise = KEPT * noise + (1.0 - KEPT * KEPT) ** 0.5 * torch.randn(worlds, acts)
                 observation, reward, terminated, truncated, _ = envs.step(action.numpy())
                 observation = observation.reshape(worlds, -1)
                 ended = terminated | truncated

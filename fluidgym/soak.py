@@ -243,7 +243,8 @@ def astray(identity: np.ndarray, renewed: bool) -> int:
         renewed: Whether there are inflows, which take the slots of retired particles for new ones.
     """
     numbers = np.sort(identity[identity >= 0] if renewed else np.where(identity < 0, -1 - identity, identity))
-    return int((np.diff(numbers) == 0).sum() if renewed else (numbers != np.arange(len(numbers))).sum())
+    twice = int((np.diff(numbers) == 0).sum())
+    return twice if renewed else max(twice, len(np.setdiff1d(np.arange(len(numbers)), numbers)))
 
 
 def keep(path: Path, task: str, options: Mapping[str, Any], seed: int, plan: np.ndarray, reason: str) -> None:

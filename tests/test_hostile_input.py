@@ -238,7 +238,9 @@ actions = st.one_of(
     st.lists(st.lists(numbers, min_size=1, max_size=1), min_size=2, max_size=2),
     st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=1).map(np.array),
 )
-test_action_is_taken_or_refused, test_action_is_taken_or_refused_long = twice(action_is_taken_or_refused, action=actions)
+test_action_is_taken_or_refused, test_action_is_taken_or_refused_long = twice(
+    action_is_taken_or_refused, action=actions
+)
 
 
 def reset_is_made_or_refused(seed, options):

@@ -3,31 +3,41 @@
 import numpy as np
 import pytest
 
-from fluidgym.scene import OPEN, Box, Face, Fluid, Scene, face_names
+import fluidgym.envs.fluid_task
+from fluidgym import soak as soaking
+from fluidgym.__main__ import main
+from fluidgym.envs import FluidVectorEnv
+from fluidgym.scene import Box, Fluid, Scene
+from fluidgym.soak import KINDS, Plans, replay, soak
 from fluidgym.solver import Solver
+from fluidgym.stress import STRESSES, Finding, Sound
 
 G = 9.81
 
+# What is known to miss its mark.
+MISSES = {
+    2: "the diffusion of density lets the surface of still water rise by a twentieth of a spacing, and then no more",
+    3: "particles of a rotating patch clump: there is no shifting at a free surface",
+}
+each_stress = pytest.mark.parametrize(
+    "stress",
+    [
+        pytest.param(
+            one,
+            marks=pytest.mark.xfail(strict=True, reason=MISSES[one.number]) if one.number in MISSES else (),
+            id=str(one.number),
+        )
+        for one in STRESSES
+    ],
+)
 
-def assert_sound(solver, world=0, whole=True):
+
+def assert_sound(solver):
     """Every number is finite, every particle inside the walls, and every particle still itself."""
-    water, scene = solver.particles(world), solver.scene
-    for name in ("position", "velocity", "density", "pressure"):
-        assert np.isfinite(getattr(water, name)).all(), name
-    if whole:
-        np.testing.assert_array_equal(water.identity, np.arange(solver.capacity))
-    saved = solver.save()
-    slots = slice(world * solver.capacity, (world + 1) * solver.capacity)
-    identity = saved["identity"][slots]
-    np.testing.assert_array_equal(np.sort(np.where(identity < 0, -1 - identity, identity)), np.arange(solver.capacity))
-    walls = saved["face_position"][world].reshape(-1, 2).T
-    for side, name in enumerate(("min", "max")):
-        for k in range(scene.dim):
-            if scene.faces[f"{'xyz'[k]}_{name}"].kind == "wall" and len(water):
-                outside = (1 - 2 * side) * (walls[side, k] - water.position[:, k])
-                assert outside.max() <= 0.0, (
-                    f"{outside.max() / scene.particle_spacing} spacings beyond {'xyz'[k]}_{name}"
-                )
+    sound = Sound()
+    water = sound.look(solver)
+    assert all(finding.passed for finding in sound.findings()), list(map(str, sound.findings()))
+    np.testing.assert_array_equal(water.identity, np.arange(solver.capacity))
     return water
 
 
@@ -57,67 +67,6 @@ def test_dam_break_loses_nothing_through_its_impact(dim, record_property):
     assert before_impact.position[:, 0].max() < 3.9
     assert np.mean(water.position[:, 0] > 2.0) > 0.3
     record_property("clamped", int(solver.state.clamped.numpy()[0]))
-
-
-def test_head_on_jets_of_three_times_the_speed_expected_keep_their_momentum():
-    jets = [
-        Fluid(Box((-1.0, -0.25), (0.0, 0.25)), velocity=(3.0, 0.0)),
-        Fluid(Box((0.0, -0.25), (1.0, 0.25)), velocity=(-3.0, 0.0)),
-    ]
-    faces = dict.fromkeys(face_names(2), OPEN)
-    scene = Scene((-3.0, -3.0), (3.0, 3.0), 0.05, jets, faces, gravity=0.0, reference_speed=1.0)
-    solver = Solver(scene, device="cpu")
-    scale = np.abs(solver.particles().velocity).sum()
-    for _ in range(5):
-        solver.advance(0.08)
-        water = assert_sound(solver)
-        np.testing.assert_allclose(water.velocity.astype(float).sum(axis=0) / scale, 0.0, atol=1e-6)
-    assert np.abs(water.velocity[:, 1]).max() > 1.0
-
-
-def test_piston_of_a_third_of_the_speed_of_sound_lets_no_particle_through():
-    scene = Scene(
-        (0.0, 0.0),
-        (1.0, 2.0),
-        0.05,
-        Fluid(Box((0.0, 0.0), (1.0, 0.5)), pressure="hydrostatic"),
-        faces={"x_min": Face(moving=True, travel=(0.0, 0.4))},
-    )
-    solver = Solver(scene, device="cpu")
-    for _ in range(6):
-        for sign in (1.0, -1.0):  # reversed within five steps
-            for k in range(1, 6):
-                solver.face_velocity[0, 0] = sign * 0.3 * scene.sound_speed * min(1.0, (k - 1) / 3)
-                solver.step()
-                assert_sound(solver)
-        solver.face_velocity[0, 0] = 0.0
-        for _ in range(5):  # the water comes back to the piston
-            solver.advance(0.1)
-            assert_sound(solver)
-    solver.face_velocity[0, 0] = 0.0
-    worst = []
-    for _ in range(10):
-        solver.advance(0.1)
-        worst.append(np.abs(assert_sound(solver).density / 1000.0 - 1.0).max())
-    # The water still slams about, up to the lid, but between slams no particle is left that is pressed together.
-    assert min(worst) < 0.03
-
-
-def test_wall_may_close_to_half_a_spacing():
-    scene = Scene(
-        (0.0, 0.0),
-        (1.0, 2.0),
-        0.05,
-        Fluid(Box((0.0, 0.0), (1.0, 0.2)), pressure="hydrostatic"),
-        faces={"x_min": Face(moving=True, travel=(0.0, 0.975)), "y_max": OPEN},
-    )
-    solver = Solver(scene, device="cpu")
-    solver.face_velocity[0, 0] = 1.0
-    for _ in range(40):
-        solver.advance(0.05)
-        water = assert_sound(solver, whole=False)
-    assert solver.face_position("x_min")[0] == np.float32(0.975)
-    assert len(water) > 0
 
 
 def block(size, spacing):
@@ -163,33 +112,139 @@ def test_block_of_fifty_thousand_particles_keeps_its_density_for_a_thousand_step
     assert_uniform(solver, size)
 
 
-@pytest.mark.slow
-def test_dam_breaks_of_many_jittered_starts_all_hold():
-    starts = [dam_break(2, jitter=0.25, seed=seed).sample() for seed in range(128)]
-    solver = Solver(dam_break(2), num_worlds=128, device="cpu")
-    solver.set_start(range(128), starts)
-    solver.reset()
-    for k in range(1, 11):
-        solver.advance(0.5 / np.sqrt(G))
-        for world in range(128):
-            water = assert_sound(solver, world)
-            if k * 0.5 <= 1.5:
-                assert np.abs(water.density / 1000.0 - 1.0).max() < 0.03, f"world {world}, t* = {0.5 * k}"
+# -- the twelve ------------------------------------------------------------------------------------------------------
+
+
+@each_stress
+def test_stress_holds(stress):
+    missed = [str(finding) for finding in stress.run(False, "cpu") if not finding.passed]
+    assert not missed
 
 
 @pytest.mark.slow
-def test_still_water_stays_still_for_a_hundred_thousand_steps():
-    scene = Scene((0.0, 0.0), (0.5, 0.8), 0.05, Fluid(Box((0.0, 0.0), (0.5, 0.5)), pressure="hydrostatic"))
-    solver = Solver(scene, device="cpu")
-    wave, speeds, energies = np.sqrt(G * 0.5), [], []
-    for _ in range(10):
-        solver.step(10_000)
-        water = assert_sound(solver)
-        speeds.append(np.sqrt((water.velocity.astype(float) ** 2).sum(axis=1).mean()))
-        kinetic = 0.5 * (water.velocity.astype(float) ** 2).sum()
-        energies.append(kinetic + G * water.position[:, 1].astype(float).sum())
-    assert max(speeds) < 1e-3 * wave
-    assert np.mean(speeds[5:]) <= np.mean(speeds[:5])
-    at_start = G * scene.sample().position[:, 1].sum()
-    np.testing.assert_allclose(energies, at_start, rtol=5e-3)
-    assert solver.state.clamped.numpy()[0] == 0
+@each_stress
+def test_stress_holds_for_long(stress):
+    missed = [str(finding) for finding in stress.run(True, "cpu") if not finding.passed]
+    assert not missed
+
+
+def test_the_list_is_whole():
+    assert [stress.number for stress in STRESSES] == list(range(1, 13))
+
+
+def test_what_is_not_a_number_misses_its_mark():
+    assert Finding("a", 1.0, 1.0).passed and Finding("a", 1.0, 1.0, least=True).passed
+    assert not Finding("a", np.nan, 1.0).passed and not Finding("a", np.nan, 1.0, least=True).passed
+    assert not Finding("a", 2.0, 1.0).passed and not Finding("a", 0.5, 1.0, least=True).passed
+
+
+def test_what_is_amiss_is_seen():
+    solver = Solver(dam_break(2), device="cpu")
+    saved = solver.save()
+    saved["position"][0, 0] = -0.1
+    saved["velocity"][1, 5] = np.nan
+    saved["identity"][3] = 4
+    solver.restore(saved)
+    sound = Sound()
+    sound.look(solver)
+    assert [finding.value for finding in sound.findings()] == [1, 1, pytest.approx(2.0, abs=1e-4)]
+
+
+# -- one world among many --------------------------------------------------------------------------------------------
+
+
+def test_of_256_worlds_one_is_destroyed_and_255_do_not_notice():
+    envs, twins = (FluidVectorEnv(256, "SloshDamp", difficulty="easy", device="cpu") for _ in range(2))
+    for one in (envs, twins):
+        one.action_space.seed(1)
+        one.reset(seed=1)
+    others = np.arange(256) != 100
+    for step in range(8):
+        actions = twins.action_space.sample()
+        if step in (2, 5):  # while it lasts: much too fast, and then nowhere
+            saved = envs.solver.save()
+            slots = slice(100 * envs.solver.capacity, 101 * envs.solver.capacity)
+            saved["velocity"][:, slots] *= np.float32(1e4) if step == 2 else np.float32(np.nan)
+            saved["velocity"][:, slots] += np.float32(1e3)
+            envs.solver.restore(saved)
+        found, expected = envs.step(actions), twins.step(actions)
+        for mine, theirs in zip(found[:4], expected[:4], strict=True):
+            np.testing.assert_array_equal(mine[others], theirs[others])
+        if step in (2, 5):
+            assert found[2].tolist() == (~others).tolist()
+            assert found[4]["reason"][100] in ("not finite", "density", "speed")
+            assert (found[4]["reason"][others] == "").all()
+    # The world that was destroyed has begun anew, and is like any other.
+    assert not found[2].any()
+    assert found[0] in envs.observation_space
+
+
+# -- soaks ---------------------------------------------------------------------------------------------------------------
+
+
+def test_plans_are_actions_of_every_kind():
+    plans = Plans(50, 2, 0.05, np.random.default_rng(0))
+    kinds = set()
+    for n in range(200):
+        kind, plan = plans.draw()
+        kinds.add(kind)
+        assert plan.shape == (50, 2)
+        assert np.abs(plan).max() <= 1.0
+        plans.learn(n % 7, plan)
+    assert kinds == set(KINDS)
+
+
+def test_a_soak_is_the_same_again():
+    reports = [soak("SloshDamp", {"difficulty": "easy"}, worlds=4, steps=200, seed=3, device="cpu") for _ in range(2)]
+    for report in reports:
+        report.seconds = 0.0
+    assert reports[0] == reports[1]
+    assert reports[0].steps == 200 and reports[0].sound
+    assert soak("SloshDamp", {"difficulty": "easy"}, worlds=4, steps=200, seed=4, device="cpu") != reports[0]
+
+
+def test_what_breaks_in_a_soak_breaks_again_in_its_replay(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(fluidgym.envs.fluid_task, "LARGEST_DENSITY_ERROR", 0.02)
+    kept = []
+    monkeypatch.setattr(
+        soaking,
+        "keep",
+        lambda *given, old=soaking.keep: (kept.append((given[0], len(given[4]), given[5])), old(*given)),
+    )
+    report = soak(
+        "CarryTank", {"difficulty": "easy"}, worlds=4, steps=600, seed=1, folder=tmp_path / "new", device="cpu"
+    )
+    assert report.diverged == len(kept) == len(report.files) > 0
+    assert report.reasons == {"density": report.diverged}
+    for path, steps, reason in kept[:3]:
+        assert replay(path, "cpu") == (reason, steps)
+    assert main(["stress", "--replay", str(kept[0][0]), "--device", "cpu"]) == 1
+    assert f"diverged (density) after {kept[0][1]} steps" in capsys.readouterr().out
+    monkeypatch.setattr(fluidgym.envs.fluid_task, "LARGEST_DENSITY_ERROR", 0.5)
+    assert main(["stress", "--replay", str(kept[0][0]), "--device", "cpu"]) == 0
+    assert "sound after" in capsys.readouterr().out
+
+
+def test_the_command_keeps_what_it_finds(tmp_path, capsys):
+    page, table = tmp_path / "stress.md", tmp_path / "stress.json"
+    options = ["--hours", "0.0005", "--ids", "SloshDamp2D-v0", "--difficulty", "easy", "--worlds", "4"]
+    files = ["--json", str(table), "--markdown", str(page), "--out", str(tmp_path / "failures"), "--device", "cpu"]
+    assert main(["stress", "4", *options, *files]) == 0
+    said = capsys.readouterr().out
+    assert "momentum drift" in said and "fluidgym/SloshDamp2D-v0 easy:" in said
+    assert "| `SloshDamp2D-v0` |" in page.read_text() and "| 4 |" in page.read_text()
+    assert '"per_million": 0.0' in table.read_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ("13", "stress 13 is outside 1 to 12; name one of them"),
+        ("--hours -1", "--hours -1 is outside 0 to 10000"),
+        ("--hours 1 --ids Tsunami2D-v0", "unknown environment Tsunami2D-v0"),
+        ("--replay gone.npz", "path = 'gone.npz' does not exist"),
+    ],
+)
+def test_bad_arguments_of_the_command_are_refused(arguments, message, capsys):
+    assert main(["stress", *arguments.split()]) == 2
+    assert message in capsys.readouterr().err

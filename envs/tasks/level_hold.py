@@ -98,7 +98,7 @@ class LevelHold(FluidTask):
             gravity=GRAVITY,
             material=self.material(),
             reference_speed=1.2 * self.reference_speed,
-            reserve=math.ceil(0.35 * wide / self.spacing**2),  # 0.7 m in all
+            reserve=math.ceil(wide * (high - LEVEL) / self.spacing**2),  # to the brim
         )
         self._fluid = self.scene.sample()
 
