@@ -13,7 +13,7 @@ import numpy as np
 import warp as wp
 from gymnasium import spaces
 
-from fluidgym.checks import check_choice
+from fluidgym.checks import check_choice, check_type
 from fluidgym.envs import observations, rewards
 from fluidgym.envs.task import Task
 from fluidgym.scene import Material, Particles
@@ -141,7 +141,7 @@ class FluidTask(Task):
         Raises:
             ValueError: An argument is out of its limits.
         """
-        if dim not in tuple(self.boxes):
+        if not isinstance(dim, int) or dim not in tuple(self.boxes):
             raise ValueError(f"dim = {dim!r} is unknown; use {' or '.join(map(str, self.boxes))}")
         check_choice("difficulty", difficulty, tuple(self.levels), ", ".join(map(repr, self.levels)))
         level = self.levels[difficulty]
@@ -165,6 +165,7 @@ class FluidTask(Task):
         self.max_episode_steps = max(1, math.ceil(self.episode / self.control_interval - 1e-9))
         self.spacing = self.counted[1] / self.resolution
         self.action_space = spaces.Box(-1.0, 1.0, (self.actions,), np.float32)
+        check_type("solid", solid, bool, "a bool", "True or False")
         self.view = observations.View(obs, self.grid, [*self.numbers, (0.0, 1.0)], solid, stack)
         self.observation_space = self.view.space
 

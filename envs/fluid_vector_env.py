@@ -65,6 +65,7 @@ class FluidVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
         Raises:
             ValueError: An argument is out of its limits.
+            MemoryError: So many worlds need more memory than the device has.
         """
         check_choice("output", output, ("numpy", "torch"), "'numpy' or 'torch'")
         if output == "torch" and options.get("obs") == "image":
@@ -76,6 +77,7 @@ class FluidVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         _check_count("num_envs", num_envs)
         if max_episode_steps is not None:
             _check_count("max_episode_steps", max_episode_steps)
+        self._runner: Runner | None = Runner(posed, num_envs, device, max_episode_steps, threads, output)
         self.num_envs = num_envs
         self.render_mode = render_mode
         self.metadata = {**self._screen.metadata(self.metadata), "autoreset_mode": self._mode}
@@ -84,7 +86,6 @@ class FluidVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.action_space = batch_space(posed.action_space, num_envs)
         self._action_shape = posed.action_space.shape
         self._ended = np.zeros(num_envs, bool)
-        self._runner: Runner | None = Runner(posed, num_envs, device, max_episode_steps, threads, output)
 
     @property
     def task(self) -> Task:

@@ -61,9 +61,9 @@ class Runner:
         """
         self.task, self._output = task, output
         self._limit = min(task.max_episode_steps, max_episode_steps or task.max_episode_steps)
-        self._steps = np.zeros(num_worlds, int)
         self.solver = Solver(task.scene, task.scheme, num_worlds, device, threads=threads)
         task.attach(self.solver)
+        self._steps = np.zeros(num_worlds, int)
         self._seeds: list[int | None] = [None] * num_worlds
         self._episodes = [0] * num_worlds
 

@@ -41,7 +41,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         precision.chosen()  # what the environment says may be wrong
     except ValueError as error:
         return _refuse(str(error))
-    return chosen.run(chosen)
+    try:
+        return chosen.run(chosen)
+    except MemoryError as error:
+        return _refuse(" ".join(str(error).split()) or "out of memory; use fewer worlds or a larger particle spacing")
 
 
 def _add_run(commands: argparse._SubParsersAction) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import os
+import sys
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -76,6 +78,23 @@ def find_device(name: str | None) -> wp.Device:
     return wp.get_device(name)
 
 
+def memory_of(device: wp.Device) -> int:
+    """What a device has in all [bytes]; of a CPU, the machine's, where the system says."""
+    if not device.is_cpu:
+        return int(device.total_memory)
+    try:
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, OSError, ValueError):
+        return sys.maxsize
+
+
+def _most_particles(scene: Scene) -> int:
+    """More than there can be at the start: those that would fill the boxes about the bodies of fluid."""
+    sizes = (np.subtract(*reversed(fluid.shape.bounds())) / scene.particle_spacing + 1.0 for fluid in scene.fluid)
+    box = np.subtract(scene.upper, scene.lower) / scene.particle_spacing + 1.0
+    return int(sum(float(np.prod(np.minimum(size, box))) for size in sizes))
+
+
 def _quieten_warp() -> None:
     """Keep Warp's banner and its notes on modules loaded from the terminal, unless the user chose a log level."""
     if wp.config.log_level == wp.LOG_INFO:
@@ -87,6 +106,10 @@ def _check_count(name: str, value: object) -> None:
         raise ValueError(f"Solver.{name} = {value!r} must be a whole number; use 1 or more")
     if value < 1:
         raise ValueError(f"Solver.{name} = {value} is below the limit 1; use 1 or more")
+
+
+# A particle takes at least so much of the device [bytes], by dimension.
+BYTES = {2: 170, 3: 230}
 
 
 class Solver:
@@ -144,6 +167,7 @@ class Solver:
 
         Raises:
             ValueError: The device or a count is out of its limits, or the scheme cannot do what the scene asks.
+            MemoryError: The worlds need more memory than the device has.
         """
         if not isinstance(scene, Scene):
             raise ValueError(f"Solver.scene = {scene!r} is not a Scene; make one with Scene(...)")
@@ -157,8 +181,10 @@ class Solver:
         self.device = find_device(device)
         half = self.device.is_cpu and not plain_loops
         self._flags = {"forces": report_forces, "plain": plain_loops, "half": half}
+        self._check_room(_most_particles(scene))
         start = scene.sample()
         self.capacity = max(len(start) + (scene.reserve or 0), 1)
+        self._check_room(num_worlds * self.capacity)
         self._parameters = Parameters(scene, scheme, num_worlds)
         check_box(scene, scheme)
         self._numbers = self._parameters.constants()
@@ -166,7 +192,12 @@ class Solver:
         self._stepper: Stepper | None = None
         self._replay_aim = Replay(self.device)
         self._build_kernels()
-        self._make_arrays()
+        try:
+            self._make_arrays()
+        except (MemoryError, RuntimeError) as error:
+            if isinstance(error, RuntimeError) and "allocate" not in str(error):
+                raise
+            raise self._no_room(num_worlds * self.capacity) from None
         self._step_size = self.max_step
         self._write_constants()
         self.controls = Controls(scene, num_worlds)
@@ -181,6 +212,22 @@ class Solver:
         self._place_driven()
         self.set_start(range(num_worlds), [start] * num_worlds)
         self.reset()
+
+    def _check_room(self, particles: int) -> None:
+        """Refuse particles that memory cannot hold, before a system that runs out of it ends the process.
+
+        Raises:
+            MemoryError: It cannot.
+        """
+        if particles * BYTES[self.scene.dim] > memory_of(self.device):
+            raise self._no_room(particles)
+
+    def _no_room(self, particles: int) -> MemoryError:
+        need, has = (size / 1e9 for size in (particles * BYTES[self.scene.dim], memory_of(self.device)))
+        return MemoryError(
+            f"Solver.num_worlds = {self.num_worlds}: {particles:.4g} particles in all need {need:.3g} GB or more, limit"
+            f" {has:.3g} GB on {self.device}, less what others use; use fewer worlds or a larger particle_spacing"
+        )
 
     def _build_kernels(self) -> None:
         """Compile what the scene, the scheme and the parameters of now need."""

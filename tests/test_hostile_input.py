@@ -190,7 +190,7 @@ test_scene_file_is_read_or_refused, test_scene_file_is_read_or_refused_long = tw
 )
 
 
-# -- tasks and actions ---------------------------------------------------------------------------------------------------
+# -- tasks and actions ------------------------------------------------------------------------------------------------
 
 OPTIONS = [
     "dim", "difficulty", "resolution", "obs", "grid", "solid", "stack", "control_interval", "episode", "variation",

@@ -71,7 +71,7 @@ def test_an_altered_byte_is_noticed(file):
     numbers = np.arange(1000.0).tobytes()
     at = whole.index(numbers[800:1600])
     file.write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
-    with pytest.raises(ValueError, match="cut short|damaged"):
+    with pytest.raises(ValueError, match=r"cut short|damaged"):
         snapshot.load(file)
 
 
@@ -98,7 +98,7 @@ def test_a_changed_array_fails_the_checksum(file, monkeypatch):
 
 
 def test_bad_calls_are_refused(tmp_path):
-    with pytest.raises(ValueError, match="does not end with .npz"):
+    with pytest.raises(ValueError, match=r"does not end with \.npz"):
         snapshot.save({}, tmp_path / "state.pickle")
     with pytest.raises(FileNotFoundError, match="does not exist; make it first"):
         snapshot.save({}, tmp_path / "gone" / "state.npz")

@@ -179,7 +179,7 @@ def test_of_256_worlds_one_is_destroyed_and_255_do_not_notice():
     assert found[0] in envs.observation_space
 
 
-# -- soaks ---------------------------------------------------------------------------------------------------------------
+# -- soaks ----------------------------------------------------------------------------------------------------------
 
 
 def test_plans_are_actions_of_every_kind():
