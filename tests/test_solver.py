@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from fluidgym.scene import OPEN, PERIODIC, Ball, Box, Face, Fluid, Material, Particles, Scene, face_names
+from fluidgym.scene import OPEN, PERIODIC, Ball, Body, Box, Face, Fluid, Material, Particles, Scene, face_names
 from fluidgym.scheme import Scheme
 from fluidgym.solver import Solver, find_device
 
@@ -643,6 +643,29 @@ def test_bad_control_is_refused_before_anything_happens(change, message):
     assert re.fullmatch(message if "\\" in message else re.escape(message), str(error.value))
     after = solver.state.snapshot()
     assert all((after[name] == before[name]).all() for name in before)
+
+
+@pytest.mark.parametrize("driven", ["face", "body"])
+def test_the_fastest_wall_there_may_be_is_borne(driven):
+    pool = Fluid(Box((0.0, 0.0), (1.0, 0.5)), pressure="hydrostatic")
+    moves = (
+        {"faces": {"x_min": Face(moving=True, travel=(0.0, 0.4))}}
+        if driven == "face"
+        else {"bodies": {"box": Body(Box((0.4, 0.1), (0.6, 0.3)), moving=True)}}
+    )
+    scene = Scene((0.0, 0.0), (1.0, 2.0), DX, [pool], **moves)
+    solver = Solver(scene, device="cpu")
+    speed = solver.face_velocity[0, :1] if driven == "face" else solver.body_velocity[0, 0, :1]
+    for k in range(60):
+        speed[:] = 0.5 * scene.sound_speed * (1.0 if k % 2 else -1.0)
+        solver.step(2)
+        water = solver.particles()
+        assert np.isfinite(water.velocity).all()
+        assert np.abs(water.density / 1000.0 - 1.0).max() < 0.6  # that of a shock from rest: the speed over c_0
+        assert len(water) == solver.started[0]
+    speed[:] = 0.51 * scene.sound_speed
+    with pytest.raises(ValueError, match=rf"Solver.{driven}_velocity.* is outside .* use a smaller value"):
+        solver.step()
 
 
 def test_gravity_that_changes_is_felt_at_once():
