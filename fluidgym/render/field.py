@@ -49,6 +49,18 @@ def _period(shot: Shot, face: Side) -> float:
     return float(shot.upper[face.axis] - shot.lower[face.axis])
 
 
+def room(shot: Shot, origin: np.ndarray, cell: float, shape: tuple[int, int, int]) -> np.ndarray:
+    """How far each point of a grid in three dimensions lies inside walls and periodic faces (nx, ny, nz) [m]."""
+    along = [np.full(count, np.inf, dtype=np.float32) for count in shape]
+    for face in shot.faces.values():
+        if face.kind != "open":
+            at = origin[face.axis] + cell * (np.arange(shape[face.axis]) + 0.5)
+            inside = ((face.position - at) * face.outward).astype(np.float32)
+            along[face.axis] = np.minimum(along[face.axis], inside)
+    x, y, z = along
+    return np.minimum(x[:, None, None], np.minimum(y[:, None], z))
+
+
 def spread(
     points: np.ndarray, values: np.ndarray, spacing: float, cell: float, shape: tuple[int, ...]
 ) -> tuple[np.ndarray, np.ndarray]:

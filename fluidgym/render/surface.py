@@ -60,25 +60,13 @@ def find_surface(shot: Shot, camera: Camera) -> tuple[Patches, Patches]:
     points, values = field.with_images(shot)
     fraction, value = field.spread(points - origin, values, shot.spacing, cell, shape)
     depth = (fraction - 0.5) * (shot.spacing / field.SLOPE)
-    room = _room(shot, origin, cell, shape)
+    room = field.room(shot, origin, cell, shape)
     lost = _rounding(depth, room, shot.spacing)
     balls = _loose_balls(shot, np.where(room < 0.0, room, depth - lost), origin, cell)
     places, normals, at_places = _pierced_edges(np.minimum(depth, room) - lost, value)
     radius = np.full(len(places), _DISC * cell)
     discs = Patches(origin + cell * (places + 0.5), normals, at_places, radius, False)
     return discs, balls
-
-
-def _room(shot: Shot, origin: np.ndarray, cell: float, shape: tuple[int, int, int]) -> np.ndarray:
-    """Return how far each grid point lies inside walls and periodic faces (nx, ny, nz) [m]."""
-    along = [np.full(count, np.inf, dtype=np.float32) for count in shape]
-    for face in shot.faces.values():
-        if face.kind != "open":
-            at = origin[face.axis] + cell * (np.arange(shape[face.axis]) + 0.5)
-            inside = ((face.position - at) * face.outward).astype(np.float32)
-            along[face.axis] = np.minimum(along[face.axis], inside)
-    x, y, z = along
-    return np.minimum(x[:, None, None], np.minimum(y[:, None], z))
 
 
 def _rounding(depth: np.ndarray, room: np.ndarray, width: float) -> np.ndarray:
