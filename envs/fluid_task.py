@@ -74,7 +74,8 @@ class FluidTask(Task):
         costs: Their weights.
         numbers: Lowest and highest of each number beside the grid, the time aside.
         memory: Names of what is kept of each world from step to step, arrays (world, ...).
-        actions: Numbers of an action.
+        acts: What the numbers of an action are, in words.
+        actions: How many there are.
         dim: Number of dimensions.
         difficulty: Key of `levels`.
         weights: Of the costs.
@@ -92,6 +93,7 @@ class FluidTask(Task):
     costs: ClassVar[Mapping[str, float]]
     numbers: Sequence[tuple[float, float]]
     memory: ClassVar[Sequence[str]] = ()
+    acts: ClassVar[Sequence[str]]
     actions: int = 1
     fluid: dict[str, np.ndarray]
 
@@ -181,6 +183,10 @@ class FluidTask(Task):
         for name in options:
             if name not in known:
                 raise ValueError(f"{cls.__name__} has no option {name!r}; use {', '.join(known)}")
+
+    def action_names(self) -> list[str]:
+        """What each number of an action is, in words."""
+        return list(self.acts[: self.actions])
 
     # -- what a task adds ------------------------------------------------------------------------------------------
 

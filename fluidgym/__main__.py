@@ -34,6 +34,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     _add_evaluate(commands)
     _add_play(commands)
     _add_stress(commands)
+    _add_view(commands)
     chosen = parser.parse_args(arguments)
     try:
         if getattr(chosen, "precision", None):
@@ -788,6 +789,59 @@ def _stress_command(chosen: argparse.Namespace) -> str:
     words += ["--hours", f"{chosen.hours:g}"] if chosen.hours else []
     words += ["--difficulty", chosen.difficulty] if chosen.hours else []
     return _page_command(words, chosen.markdown)
+
+
+def _add_view(commands: argparse._SubParsersAction) -> None:
+    parser = commands.add_parser(
+        "view",
+        help="watch and drive in the browser",
+        description="Serve a page with the fluid live in it: an environment or a scene file, driven by a controller, by"
+        " the file, or by hand. It ends when the page is closed.",
+    )
+    parser.add_argument("what", metavar="ID|FILE", help="an environment, such as CarryTank3D-v0, or a scene file")
+    parser.add_argument(
+        "--policy", metavar="NAME|FILE", help="null, scripted, or a file; by hand if not given (environments only)"
+    )
+    parser.add_argument("--difficulty", default="medium", help="easy, medium or hard (default: medium)")
+    parser.add_argument("--seed", type=int, default=0, help="of the first episode (default: 0)")
+    parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default: 127.0.0.1, this machine)")
+    parser.add_argument("--port", type=int, default=8080, help="or the next that is free (default: 8080)")
+    parser.add_argument("--stay", action="store_true", help="go on when the page is closed")
+    parser.add_argument("--device", help="cpu, cuda, cuda:1, ...; a GPU where there is one if not given")
+    parser.set_defaults(run=view)
+
+
+def view(chosen: argparse.Namespace) -> int:
+    """Serve the page until it is closed."""
+    from fluidgym.envs import FluidEnv
+    from fluidgym.scene_file import load
+    from fluidgym.viewer.flows import EnvFlow, SceneFlow
+    from fluidgym.viewer.page import Page, import_viser
+
+    try:
+        import_viser()
+        if chosen.what.endswith(".toml"):
+            if chosen.policy:
+                raise ValueError(f"--policy {chosen.policy} is for environments; leave it out with a scene file")
+            flow = SceneFlow(load(chosen.what), chosen.device, by_hand=False)
+        else:
+            ((_, given),) = _environments([chosen.what]).items()
+            controller = _controller(chosen.policy or "scripted")
+            env = FluidEnv(**given, difficulty=chosen.difficulty, device=chosen.device)
+            if not isinstance(controller, str):
+                controller.check(env.task)
+            flow = EnvFlow(env, controller, by_hand=chosen.policy is None)
+        page = Page(flow, chosen.host, chosen.port, chosen.seed, chosen.stay)
+    except ValueError as error:
+        return _refuse(str(error))
+    print(f"{page.url} (Ctrl-C or closing the page ends it)", flush=True)
+    try:
+        page.run()
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    finally:
+        page.close()
+    return 0
 
 
 def _environments(names: Sequence[str]) -> dict[str, dict[str, Any]]:

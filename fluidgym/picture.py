@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from fluidgym.render import draw_frame
+from fluidgym.render.shot import Shot, check_shot
 from fluidgym.scene import Particles, Scene, face_names
 from fluidgym.shapes import Ball
 from fluidgym.solver import Solver
@@ -54,14 +55,32 @@ def picture(
         lower=scene.lower,
         upper=scene.upper,
         spacing=scene.particle_spacing,
-        faces=_faces(solver, world),
-        bodies=_bodies(solver, world),
+        faces=face_shapes(solver, world),
+        bodies=body_shapes(solver, world),
         inflows=_inflows(solver, world),
         outflows=_outflows(scene),
         value_range=(low / unit, high / unit),
         label=label,
         **annotations,
     )
+
+
+def shot_of(solver: Solver, world: int = 0, layers: int = 1) -> Shot:
+    """What is drawn of a world in three dimensions; one of two is made a slab of so many layers along y."""
+    scene, particles = solver.scene, solver.particles(world)
+    faces, dx = face_shapes(solver, world), scene.particle_spacing
+    places, lower, upper = particles.position.astype(float), np.array(scene.lower), np.array(scene.upper)
+    if scene.dim == 2:
+        across = dx * (np.arange(layers) + 0.5 - 0.5 * layers)
+        places = np.concatenate([np.insert(places, 1, y, axis=1) for y in across])
+        lower, upper = np.insert(lower, 1, -0.5 * layers * dx), np.insert(upper, 1, 0.5 * layers * dx)
+        still = {"kind": "wall", "moving": False}
+        ends = {f"y_{end}": {**still, "position": float(at[1])} for end, at in (("min", lower), ("max", upper))}
+        faces = {name.replace("y", "z"): face for name, face in faces.items()} | ends
+    return check_shot(
+        places, np.zeros(len(places)), lower=lower, upper=upper, spacing=dx, faces=faces, value_range=(0.0, 1.0),
+        label="", time=None, title=None, text=(), zone=None, bodies=(), inflows=(), outflows=(), size=(640, 400),
+    )  # fmt: skip
 
 
 def values_of(particles: Particles, colour: str) -> np.ndarray:
@@ -90,7 +109,8 @@ def usual_range(scene: Scene, colour: str) -> tuple[float, float]:
     return (low, high) if high > low else (low, low + 1.0)
 
 
-def _faces(solver: Solver, world: int) -> dict[str, Mapping[str, Any]]:
+def face_shapes(solver: Solver, world: int) -> dict[str, dict[str, Any]]:
+    """The faces of a world where they are now, as `draw_frame` takes them."""
     scene, positions = solver.scene, solver.state.faces.position.numpy()[world]
     return {
         name: {"kind": scene.faces[name].kind, "position": float(position), "moving": scene.faces[name].moving}
@@ -98,7 +118,8 @@ def _faces(solver: Solver, world: int) -> dict[str, Mapping[str, Any]]:
     }
 
 
-def _bodies(solver: Solver, world: int) -> list[Mapping[str, Any]]:
+def body_shapes(solver: Solver, world: int) -> list[dict[str, Any]]:
+    """The bodies of a world where they are now, as `draw_frame` takes them."""
     solids = []
     for name, body in solver.scene.bodies.items():
         middle = solver.body_position(name)[world].astype(float)

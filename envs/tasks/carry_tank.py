@@ -41,6 +41,7 @@ class CarryTank(FluidTask):
     """
 
     title = "CarryTank"
+    acts: ClassVar = ("tank along x", "tank along y")
     boxes: ClassVar = {2: (LENGTH, 0.6), 3: (LENGTH, 0.4, 0.6)}
     counted = ("the depth of the water", DEPTH)
     resolutions: ClassVar = {

@@ -62,6 +62,7 @@ class DamBreakContain(WallTask):
     gates: ClassVar = {2: Gate("dam-break"), 3: Gate("dam-break-3d")}
 
     title = "DamBreakContain"
+    acts: ClassVar = ("wall",)
     boxes: ClassVar = BOX
     counted = ("the column's height", HEIGHT)
     grids: ClassVar = {2: (10, 20), 3: (6, 3, 12)}
@@ -168,6 +169,7 @@ class DamBreakGate(DamBreakContain):
     """
 
     title = "DamBreakGate"
+    acts: ClassVar = ("gate",)
 
     def __init__(
         self,

@@ -42,6 +42,7 @@ class JetFill(FluidTask):
     """
 
     title = "JetFill"
+    acts: ClassVar = ("speed", "slope")
     boxes: ClassVar = {2: (2.4, 1.8)}
     counted = ("half a metre", 0.5)
     resolutions: ClassVar = {2: {"fast": 10, "balanced": 15, "accurate": 30}}

@@ -42,6 +42,7 @@ class LevelHold(FluidTask):
     """
 
     title = "LevelHold"
+    acts: ClassVar = ("inflow",)
     boxes: ClassVar = {2: (LENGTH, 1.2)}
     counted = ("half a metre", 0.5)
     resolutions: ClassVar = {2: {"fast": 12, "balanced": 16, "accurate": 30}}

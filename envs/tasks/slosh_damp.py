@@ -36,6 +36,7 @@ class SloshDamp(WallTask):
     """
 
     title = "SloshDamp"
+    acts: ClassVar = ("wall",)
     boxes: ClassVar = {2: (LENGTH + ROOM, 0.9)}
     counted = ("the depth of the water", DEPTH)
     resolutions: ClassVar = {2: {"fast": 10, "balanced": 14, "accurate": 28}}

@@ -34,6 +34,7 @@ class SpreadEven(FluidTask):
     """
 
     title = "SpreadEven"
+    acts: ClassVar = ("tilt",)
     boxes: ClassVar = {2: (LENGTH, 0.9)}
     counted = ("the height of the lump", HEIGHT)
     resolutions: ClassVar = {2: {"fast": 14, "balanced": 18, "accurate": 36}}

@@ -39,6 +39,7 @@ class WaveAbsorb(WallTask):
     """
 
     title = "WaveAbsorb"
+    acts: ClassVar = ("piston",)
     boxes: ClassVar = {2: (LENGTH + ROOM, 0.7)}
     counted = ("the depth of the water", DEPTH)
     resolutions: ClassVar = {2: {"fast": 9, "balanced": 12, "accurate": 24}}

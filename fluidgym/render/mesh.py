@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -62,7 +63,7 @@ def mesh_surface(shot: Shot, cell: float | None = None) -> Mesh:
     # Depths below the surface and behind the walls, as far as they are near.
     depth = np.minimum((fraction - 0.5) * (shot.spacing / field.SLOPE), field.room(shot, origin, cell, shape))
     depth[[0, -1]] = depth[:, [0, -1]] = depth[:, :, [0, -1]] = -cell  # closed whatever comes
-    nodes = wp.array(depth, dtype=float, device="cpu")
+    nodes: Any = wp.array(depth, dtype=float, device="cpu")
     first, last = origin + 0.5 * cell, origin + (np.array(shape) - 0.5) * cell
     vertices, indices = IsoSurfaceMarchingCubes.extract(nodes, 0.0, lower=wp.vec3(*first), upper=wp.vec3(*last))
     mesh = Mesh(vertices.numpy().reshape(-1, 3), indices.numpy().reshape(-1, 3))
