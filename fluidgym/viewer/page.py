@@ -5,6 +5,8 @@ viser calls back from threads of its own; what they want is done by the loop, be
 
 from __future__ import annotations
 
+import contextlib
+import io
 import queue
 import time
 from collections.abc import Callable
@@ -60,7 +62,8 @@ class Page:
         viser = import_viser()
         self.flow, self.playing, self._stay = flow, False, stay
         self._wishes: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
-        self._server = viser.ViserServer(host=host, port=port, label=f"FluidGym: {flow.title}", verbose=False)
+        with contextlib.redirect_stdout(io.StringIO()):  # it says where it is; so do we
+            self._server = viser.ViserServer(host=host, port=port, label=f"FluidGym: {flow.title}", verbose=False)
         self.url = f"http://{host}:{self._server.get_port()}"
         self._seen, self._left, self._open = False, 0.0, 0
         self._server.on_client_connect(lambda client: self._wishes.put(self._arrived))
@@ -88,11 +91,12 @@ class Page:
             [[(self._lower, self._upper)[bit][k] for k, bit in enumerate(map(int, f"{n:03b}"))] for n in range(8)]
         )
         edges = corners[np.array(_EDGES)].astype(np.float32)
-        server.scene.add_line_segments("/box", points=edges, colors=WALL, line_width=1.5)
+        server.scene.add_line_segments("/box", points=edges, colors=WALL, thickness=1.5, thickness_units="screen")
 
     def _set_knobs(self, seed: int) -> None:
         gui, flow = self._server.gui, self.flow
-        gui.configure_theme(dark_mode=True, control_layout="collapsible")
+        gui.configure_theme(dark_mode=True)
+        gui.main_panel.dock_right()
         gui.set_panel_label(flow.title)
         self._play = gui.add_button("Play")
         self._play.on_click(lambda _: self._wish(self._toggle_play))
@@ -293,7 +297,8 @@ class Page:
     def close(self) -> None:
         """End the page."""
         self._closing = True
-        self._server.stop()
+        with contextlib.redirect_stdout(io.StringIO()):
+            self._server.stop()
         self.flow.close()
 
 
