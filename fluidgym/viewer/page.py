@@ -168,7 +168,7 @@ class Page:
     def _press_enter(self) -> None:
         self.flow.press_enter()
         self._by_hand.value = self.flow.by_hand
-        self._move_sliders()
+        self._move_sliders(also_by_hand=True)
 
     def _choose(self) -> None:
         self._field, self._surface = str(self._colour.value), bool(self._as_surface.value)
@@ -195,8 +195,8 @@ class Page:
                 self._grid.image = tile(grid)
             self._move_sliders()
 
-    def _move_sliders(self) -> None:
-        if not self.flow.by_hand:
+    def _move_sliders(self, also_by_hand: bool = False) -> None:
+        if also_by_hand or not self.flow.by_hand:
             for slider, knob in zip(self._sliders, self.flow.knobs, strict=True):
                 if abs(slider.value - knob.value) > 1e-6:
                     slider.value = knob.value
