@@ -68,11 +68,12 @@ def _add_run(commands: argparse._SubParsersAction) -> None:
     parser.add_argument("--film", choices=("gif", "mp4", "none"), default="gif", help="mp4 needs the extra 'render'")
     parser.add_argument("--frames", action="store_true", help="write every frame of the film as a picture as well")
     parser.add_argument("--vtk", action="store_true", help="write the particles for ParaView; needs the extra 'vtk'")
+    parser.add_argument("--usd", action="store_true", help="write particles and surface as USD; needs the extra 'usd'")
     parser.add_argument(
         "--save-every",
         type=float,
         metavar="S",
-        help="simulated time between rows of the table, and between files for ParaView (default: that of the frames)",
+        help="simulated time between rows of the table, and between files for other tools (default: that of the frames)",
     )
     parser.set_defaults(run=run)
 
@@ -91,7 +92,7 @@ def run(chosen: argparse.Namespace) -> int:
             experiment = replace(experiment, duration=chosen.duration)
         if chosen.fps is not None:
             experiment = replace(experiment, view=replace(experiment.view, frames_per_second=chosen.fps))
-        output = Output(folder, chosen.film, chosen.frames, chosen.vtk, chosen.save_every)
+        output = Output(folder, chosen.film, chosen.frames, chosen.vtk, chosen.usd, chosen.save_every)
         output.check(experiment)
         device = str(find_device(chosen.device))
         _make_folder(folder)

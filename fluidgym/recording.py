@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from fluidgym import paraview, usd
 from fluidgym.diagnostics import Measurement, measure
 from fluidgym.experiment import Experiment, drive
-from fluidgym.paraview import ParticleFiles, check_library
 from fluidgym.picture import picture
 from fluidgym.render import write_gif, write_mp4, write_png
 from fluidgym.scene import AXES
@@ -48,14 +48,16 @@ class Output:
         film: "gif", "mp4" or "none".
         frames: Whether each frame is written as a picture too.
         vtk: Whether the particles are written for ParaView.
-        save_every: Simulated time between rows of the table, and between files for ParaView [s]; None is that between
-            frames.
+        usd: Whether they are, and in 3D their surface, to a file of USD.
+        save_every: Simulated time between rows of the table, and between files or samples for other tools [s]; None is
+            that between frames.
     """
 
     folder: Path
     film: str = "gif"
     frames: bool = False
     vtk: bool = False
+    usd: bool = False
     save_every: float | None = None
 
     def check(self, experiment: Experiment) -> None:
@@ -67,7 +69,9 @@ class Output:
         if self.film == "mp4" and find_spec("imageio_ffmpeg") is None:
             raise ValueError('an MP4 film needs imageio-ffmpeg: pip install "fluidgym-sph[render]", or make a GIF')
         if self.vtk:
-            check_library()
+            paraview.check_library()
+        if self.usd:
+            usd.check_library()
         if self.save_every is not None and not (math.isfinite(self.save_every) and self.save_every > 0.0):
             raise ValueError(
                 f"the time between saves, {self.save_every:g} s, must be above 0 and finite; use 0.1 or so"
@@ -196,7 +200,8 @@ class _Keeper:
         self._series = stack.enter_context((folder / "series.csv").open("w", newline="", encoding="utf-8"))
         found.files.append(folder / "series.csv")
         self._writer = csv.writer(self._series)
-        self._particles = ParticleFiles(folder / "particles") if output.vtk else None
+        self._particles = paraview.ParticleFiles(folder / "particles") if output.vtk else None
+        self._stage = usd.UsdFile(folder / "fluid.usdc", found.solver) if output.usd else None
         if output.frames:
             (folder / "frames").mkdir(exist_ok=True)
             for old in (folder / "frames").glob("frame_*.png"):
@@ -233,6 +238,8 @@ class _Keeper:
             self._series.flush()
             if self._particles:
                 self._particles.write(solver.particles(), measured.time)
+            if self._stage:
+                self._stage.write()
         if frame_due:
             frame = self._look()
             if self._output.film != "none":
@@ -254,6 +261,9 @@ class _Keeper:
             files.append(folder / "frames")
         if self._particles:
             files.append(self._particles.collection)
+        if self._stage:
+            self._stage.close()
+            files.append(self._stage.path)
 
     def _look(self) -> np.ndarray:
         view, solver = self._experiment.view, self._found.solver
