@@ -10,7 +10,7 @@ import numpy as np
 
 from fluidgym.envs import make_task
 from fluidgym.envs.runner import Runner, check_seed, opened
-from fluidgym.envs.screen import RENDER_MODES, Screen
+from fluidgym.envs.screen import RENDER_MODES, Look, Screen
 from fluidgym.envs.task import Task
 from fluidgym.solver import Solver
 
@@ -32,6 +32,9 @@ class FluidEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         task: str = "DamBreakContain",
         *,
         render_mode: str | None = None,
+        colour: str = "speed",
+        overlay: bool = False,
+        frame_size: tuple[int, int] = (640, 400),
         device: str | None = None,
         threads: int | None = None,
         **options: Any,
@@ -41,6 +44,9 @@ class FluidEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         Args:
             task: Name of the task.
             render_mode: "rgb_array", "human", or None.
+            colour: What frames are coloured by: "speed", "pressure" or "density".
+            overlay: Whether the observed grid is laid over frames, in 2D.
+            frame_size: Width and height of a frame [pixels].
             device: "cpu", "cuda", ...; None takes a GPU where there is one.
             threads: How many threads of a CPU share the worlds, at most; None is as many as there are processors.
             options: What the task takes; see its class.
@@ -49,12 +55,13 @@ class FluidEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             ValueError: An argument is out of its limits.
         """
         posed = make_task(task, **options)
+        look = Look(colour, overlay, frame_size)
         self._screen = Screen(render_mode, posed.control_interval)
         self.render_mode = render_mode
         self.metadata = self._screen.metadata(self.metadata)
         self.observation_space, self.action_space = posed.observation_space, posed.action_space
         self._action_shape = posed.action_space.shape
-        self._runner: Runner | None = Runner(posed, 1, device, threads=threads)
+        self._runner: Runner | None = Runner(posed, 1, device, threads=threads, look=look)
 
     @property
     def task(self) -> Task:

@@ -315,6 +315,10 @@ class FluidTask(Task):
             self._on_host = self.deposited().numpy().reshape(self._deposit.shape).copy()
         return self._on_host
 
+    def shares(self, world: int) -> np.ndarray:
+        """Share of each cell that is fluid, from the lower corner (ny, nx) or (nz, ny, nx)."""
+        return self.coarse()[world, 0]
+
     def depths(self) -> np.ndarray:
         """Depth of the fluid in each column of the coarse grid, averaged over y in 3D [m], (world, nx)."""
         height = self.scene.upper[-1] - self.scene.lower[-1]

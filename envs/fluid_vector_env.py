@@ -14,7 +14,7 @@ from gymnasium.vector.utils import batch_space
 from fluidgym.checks import check_choice
 from fluidgym.envs import make_task
 from fluidgym.envs.runner import Outcome, Runner, check_seed, opened
-from fluidgym.envs.screen import MOST_TILES, RENDER_MODES, Screen
+from fluidgym.envs.screen import MOST_TILES, RENDER_MODES, Look, Screen
 from fluidgym.envs.task import Task
 from fluidgym.solver import Solver
 
@@ -41,6 +41,9 @@ class FluidVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         max_episode_steps: int | None = None,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
+        colour: str = "speed",
+        overlay: bool = False,
+        frame_size: tuple[int, int] = (640, 400),
         device: str | None = None,
         threads: int | None = None,
         output: str = "numpy",
@@ -57,6 +60,9 @@ class FluidVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 not used; "SameStep" resets at once and puts the end into info as final_obs and final_info; "Disabled"
                 waits for reset with options={"reset_mask": mask}.
             render_mode: "rgb_array", "human" (up to 16 worlds side by side), or None.
+            colour: What frames are coloured by: "speed", "pressure" or "density".
+            overlay: Whether the observed grid is laid over frames, in 2D.
+            frame_size: Width and height of a frame [pixels].
             device: "cpu", "cuda", ...; None takes a GPU where there is one.
             threads: How many threads of a CPU share the worlds, at most; None is as many as there are processors.
             output: "numpy", or "torch": observations, rewards and ends are tensors on the device of the fluid, which
@@ -72,12 +78,13 @@ class FluidVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             raise ValueError("output = 'torch' has no images; use obs='grid', or output='numpy'")
         self._torch = _find_torch() if output == "torch" else None
         posed = make_task(task, **options)
+        look = Look(colour, overlay, frame_size)
         self._screen = Screen(render_mode, posed.control_interval)
         self._mode = _autoreset_mode(autoreset_mode)
         _check_count("num_envs", num_envs)
         if max_episode_steps is not None:
             _check_count("max_episode_steps", max_episode_steps)
-        self._runner: Runner | None = Runner(posed, num_envs, device, max_episode_steps, threads, output)
+        self._runner: Runner | None = Runner(posed, num_envs, device, max_episode_steps, threads, output, look)
         self.num_envs = num_envs
         self.render_mode = render_mode
         self.metadata = {**self._screen.metadata(self.metadata), "autoreset_mode": self._mode}

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 
+from fluidgym.envs.screen import Look
 from fluidgym.envs.task import Task
 from fluidgym.solver import Solver
 
@@ -48,6 +49,7 @@ class Runner:
         max_episode_steps: int | None = None,
         threads: int | None = None,
         output: str = "numpy",
+        look: Look = Look(),  # noqa: B008 - it is frozen
     ):
         """Make the worlds.
 
@@ -58,8 +60,9 @@ class Runner:
             max_episode_steps: Episodes are truncated after so many steps, or where the task ends if that is earlier.
             threads: Of a CPU, that share the worlds at most; None is as many as there are processors.
             output: What observations are: "numpy" or "torch".
+            look: How frames look.
         """
-        self.task, self._output = task, output
+        self.task, self._output, self._look = task, output, look
         self._limit = min(task.max_episode_steps, max_episode_steps or task.max_episode_steps)
         self.solver = Solver(task.scene, task.scheme, num_worlds, device, threads=threads)
         task.attach(self.solver)
@@ -180,7 +183,12 @@ class Runner:
         """A picture of a world (height, width, 3), uint8."""
         from fluidgym.picture import picture  # a picture costs nothing where none is asked for
 
-        return picture(self.solver, world, value_range=(0.0, self.task.reference_speed), **self.task.annotate(world))
+        look, task = self._look, self.task
+        annotations = {"size": look.frame_size, **task.annotate(world)}
+        if look.overlay and task.dim == 2:
+            annotations["grid"] = task.shares(world)
+        speeds = (0.0, task.reference_speed) if look.colour == "speed" else None
+        return picture(self.solver, world, colour=look.colour, value_range=speeds, **annotations)
 
     def _outcome(self) -> Outcome:
         task = self.task

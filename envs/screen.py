@@ -4,12 +4,42 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from fluidgym.checks import check_choice, check_type
+
+COLOURS = ("speed", "pressure", "density")
 RENDER_MODES = ["human", "rgb_array"]
 MOST_TILES = 16  # worlds shown at once in a window
+
+
+@dataclass(frozen=True)
+class Look:
+    """How frames look.
+
+    Attributes:
+        colour: What the fluid is coloured by: "speed", "pressure" or "density".
+        overlay: Whether the observed grid is laid over a frame, in 2D.
+        frame_size: Width and height of a frame [pixels].
+
+    Raises:
+        ValueError: A field is unknown or out of its limits.
+    """
+
+    colour: str = "speed"
+    overlay: bool = False
+    frame_size: tuple[int, int] = (640, 400)
+
+    def __post_init__(self) -> None:
+        check_choice("colour", self.colour, COLOURS, ", ".join(map(repr, COLOURS)))
+        check_type("overlay", self.overlay, bool, "a bool", "True or False")
+        size = self.frame_size
+        check_type("frame_size", size, Sequence, "a pair of numbers", "(640, 400)")
+        if len(size) != 2 or not all(isinstance(side, int) and 64 <= side <= 8192 for side in size):
+            raise ValueError(f"frame_size = {size!r} is not two whole numbers of 64 to 8192; use (640, 400)")
 
 
 class Screen:

@@ -167,3 +167,7 @@ class Task(ABC):
     def annotate(self, world: int) -> dict[str, Any]:
         """What a drawing of a world shows beside the fluid: title, text, zone; see render.draw_frame."""
         return {}
+
+    @abstractmethod
+    def shares(self, world: int) -> np.ndarray:
+        """Share of each cell of the coarse grid of a world that is fluid, from the lower corner (ny, nx)."""

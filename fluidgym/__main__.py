@@ -73,7 +73,7 @@ def _add_run(commands: argparse._SubParsersAction) -> None:
         "--save-every",
         type=float,
         metavar="S",
-        help="simulated time between rows of the table, and between files for other tools (default: that of the frames)",
+        help="simulated time between rows of the table, and between files for other tools (default: that of frames)",
     )
     parser.set_defaults(run=run)
 

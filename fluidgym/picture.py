@@ -36,7 +36,7 @@ def picture(
         world: Number of the world.
         colour: By what: "speed", "pressure", "density" or "temperature".
         value_range: Values at the two ends of the colour bar; None is `usual_range`.
-        annotations: What else `draw_frame` takes: time, title, text, zone, size.
+        annotations: What else `draw_frame` takes: time, title, text, zone, grid, size.
 
     Returns:
         The picture (height, width, 3), uint8.
@@ -79,7 +79,8 @@ def shot_of(solver: Solver, world: int = 0, layers: int = 1) -> Shot:
         faces = {name.replace("y", "z"): face for name, face in faces.items()} | ends
     return check_shot(
         places, np.zeros(len(places)), lower=lower, upper=upper, spacing=dx, faces=faces, value_range=(0.0, 1.0),
-        label="", time=None, title=None, text=(), zone=None, bodies=(), inflows=(), outflows=(), size=(640, 400),
+        label="", time=None, title=None, text=(), zone=None, bodies=(), inflows=(), outflows=(), grid=None,
+        size=(640, 400),
     )  # fmt: skip
 
 

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import warnings
 import weakref
+from functools import partial
 
 import gymnasium as gym
 import numpy as np
@@ -664,6 +665,38 @@ def test_vector_env_draws_a_frame_of_each_world(dim):
     assert (frames[0] != frames[1]).any()
     envs.step(-np.ones((2, 1)))
     assert (envs.render()[0] != frames[0]).any()
+
+
+def test_frames_look_as_asked_for():
+    frames = {}
+    for name, look in {
+        "speed": {},
+        "pressure": {"colour": "pressure"},
+        "overlay": {"overlay": True},
+        "small": {"frame_size": (320, 200)},
+    }.items():
+        env = FluidEnv(render_mode="rgb_array", **SMALL, **look)
+        env.reset(seed=1)
+        env.step([0.5])
+        frames[name] = env.render()
+        env.close()
+    assert frames["small"].shape == (200, 320, 3)
+    assert (frames["speed"] != frames["pressure"]).any()
+    assert 0.01 < (frames["speed"] != frames["overlay"]).any(axis=2).mean() < 0.5
+
+
+@pytest.mark.parametrize("env_class", [FluidEnv, partial(FluidVectorEnv, 2)])
+@pytest.mark.parametrize(
+    ("look", "message"),
+    [
+        ({"colour": "taste"}, "colour = 'taste' is unknown; use 'speed', 'pressure', 'density'"),
+        ({"overlay": 1}, "overlay = 1 is not a bool; use True or False"),
+        ({"frame_size": (640,)}, r"frame_size = \(640,\) is not two whole numbers of 64 to 8192; use \(640, 400\)"),
+    ],
+)
+def test_a_bad_look_is_refused(env_class, look, message):
+    with pytest.raises(ValueError, match=f"^{message}$"):
+        env_class(**SMALL, **look)
 
 
 def test_nothing_is_drawn_unless_asked_for(monkeypatch):

@@ -32,6 +32,7 @@ def draw_frame(
     bodies: Sequence[Mapping[str, Any]] = (),
     inflows: Sequence[Mapping[str, Any]] = (),
     outflows: Sequence[Mapping[str, Any]] = (),
+    grid: Any = None,
     size: tuple[int, int] = (640, 400),
 ) -> np.ndarray:
     """Draw particles as water in their box.
@@ -67,6 +68,8 @@ def draw_frame(
             "height" [m] (only in three dimensions; None is round), "length" of the pipe [m] and "on" (bool,
             True if left out), which shows an arrow.
         outflows: Regions that remove water: each a dict with "lower" and "upper" (dim,) [m].
+        grid: Shares in 0 to 1 of the cells of a grid over the box, from its lower corner (ny, nx), laid over a picture
+            in two dimensions; None is none.
         size: Width and height of the picture [px], each from 64 to 8192.
 
     Returns:
@@ -91,6 +94,7 @@ def draw_frame(
         bodies=bodies,
         inflows=inflows,
         outflows=outflows,
+        grid=grid,
         size=size,
     )
     layout = lay_out(shot)

@@ -64,6 +64,23 @@ def draw_plane(canvas: Canvas, shot: Shot, layout: Layout) -> None:
         _draw_outflow(canvas, shot, region, plan)
     if shot.zone is not None:
         _draw_zone(canvas, shot.zone, plan)
+    if shot.grid is not None:
+        _draw_grid(canvas, shot, shot.grid, plan)
+
+
+def _draw_grid(canvas: Canvas, shot: Shot, grid: np.ndarray, plan: Plan) -> None:
+    """Lay the coarse grid over the picture: its lines, and in each cell a square as large as its share."""
+    rows, columns = grid.shape
+    cell = (shot.upper - shot.lower) / (columns, rows)
+    x, y = (shot.lower[k] + cell[k] * np.arange((columns, rows)[k] + 1) for k in range(2))
+    lines = [np.array([[at, y[0]], [at, y[-1]]]) for at in x] + [np.array([[x[0], at], [x[-1], at]]) for at in y]
+    canvas.stroke(map(plan.to_pixels, lines), INK, opacity=0.35)
+    squares = []
+    for row, column in np.argwhere(grid > 0.01):
+        middle = shot.lower + cell * (column + 0.5, row + 0.5)
+        half = 0.42 * cell * np.sqrt(grid[row, column])
+        squares.append(rectangle(plan.to_pixels(middle - half), plan.to_pixels(middle + half)))
+    canvas.fill(squares, ZONE, 0.45)
 
 
 def _fit(shot: Shot, layout: Layout) -> Plan:

@@ -56,6 +56,7 @@ class Shot:
         bodies: Solids in the box.
         inflows: Nozzles.
         outflows: Lower and upper corners of the regions that remove water (dim,) [m].
+        grid: Shares in 0 to 1 of the cells of a grid over the box, from its lower corner (ny, nx), or None.
         size: Width and height of the picture [px].
     """
 
@@ -74,6 +75,7 @@ class Shot:
     bodies: tuple[Solid, ...]
     inflows: tuple[Nozzle, ...]
     outflows: tuple[tuple[np.ndarray, np.ndarray], ...]
+    grid: np.ndarray | None
     size: tuple[int, int]
 
     @property
@@ -99,6 +101,7 @@ def check_shot(
     bodies: Sequence[Mapping[str, Any]],
     inflows: Sequence[Mapping[str, Any]],
     outflows: Sequence[Mapping[str, Any]],
+    grid: Any,
     size: tuple[int, int],
 ) -> Shot:
     """Check the arguments of ``draw_frame`` and gather them.
@@ -119,6 +122,7 @@ def check_shot(
         bodies: As in ``draw_frame``.
         inflows: As in ``draw_frame``.
         outflows: As in ``draw_frame``.
+        grid: As in ``draw_frame``.
         size: As in ``draw_frame``.
 
     Returns:
@@ -145,6 +149,7 @@ def check_shot(
         bodies=check_bodies(bodies, *corners),
         inflows=check_inflows(inflows, *corners),
         outflows=check_outflows(outflows, *corners),
+        grid=None if grid is None else _check_grid(grid, len(corners[0])),
         size=_check_size(size),
     )
 
@@ -156,6 +161,13 @@ def _check_zone(zone: Any, dim: int) -> tuple[np.ndarray, np.ndarray]:
     if len(lower) != dim:
         raise ValueError(f"zone: {len(lower)} axes, but the box has {dim}; give corners of {dim} [m]")
     return lower, upper
+
+
+def _check_grid(grid: Any, dim: int) -> np.ndarray:
+    shares = np.asarray(grid, dtype=np.float64)
+    if dim != 2 or shares.ndim != 2 or not np.isfinite(shares).all():
+        raise ValueError(f"grid: shape {shares.shape} in {dim}D must be finite (ny, nx) in 2D; leave it out in 3D")
+    return shares.clip(0.0, 1.0)
 
 
 def _check_particles(
