@@ -79,7 +79,7 @@ def shot_of(solver: Solver, world: int = 0, layers: int = 1) -> Shot:
         faces = {name.replace("y", "z"): face for name, face in faces.items()} | ends
     return check_shot(
         places, np.zeros(len(places)), lower=lower, upper=upper, spacing=dx, faces=faces, value_range=(0.0, 1.0),
-        label="", time=None, title=None, text=(), zone=None, bodies=(), inflows=(), outflows=(), grid=None,
+        label="", time=None, title=None, text=(), zone=None, bodies=(), inflows=(), outflows=(),
         size=(640, 400),
     )  # fmt: skip
 

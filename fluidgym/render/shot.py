@@ -101,7 +101,7 @@ def check_shot(
     bodies: Sequence[Mapping[str, Any]],
     inflows: Sequence[Mapping[str, Any]],
     outflows: Sequence[Mapping[str, Any]],
-    grid: Any,
+    grid: Any = None,
     size: tuple[int, int],
 ) -> Shot:
     """Check the arguments of ``draw_frame`` and gather them.
