@@ -19,6 +19,7 @@ RUNS = {
         *("--docs", ".", "--policies", "policies", "--device", "cpu"),
     ],
     "cross_entropy.py": ["fluidgym/SpreadEven2D-v0", "--worlds", "8", "--rounds", "2", "--episodes", "2"],
+    "gallery.py": ["fluidgym/SpreadEven2D-v0", "--seconds", "0.5", "--out", "gallery"],
     "many_worlds.py": ["--device", "cpu", "--worlds", "4", "--steps", "10", "--resolution", "12"],
     "ppo.py": ["--worlds", "8", "--steps", "1100", "--episodes", "2", "--device", "cpu"],
     "sb3_ppo.py": ["--worlds", "8", "--steps", "600"],
