@@ -35,6 +35,7 @@ class FluidEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         colour: str = "speed",
         overlay: bool = False,
         frame_size: tuple[int, int] = (640, 400),
+        spheres: bool = False,
         device: str | None = None,
         threads: int | None = None,
         **options: Any,
@@ -47,6 +48,7 @@ class FluidEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             colour: What frames are coloured by: "speed", "pressure" or "density".
             overlay: Whether the observed grid is laid over frames, in 2D.
             frame_size: Width and height of a frame [pixels].
+            spheres: Whether frames show each particle by itself, not the body of water that they make.
             device: "cpu", "cuda", ...; None takes a GPU where there is one.
             threads: How many threads of a CPU share the worlds, at most; None is as many as there are processors.
             options: What the task takes; see its class.
@@ -55,7 +57,7 @@ class FluidEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             ValueError: An argument is out of its limits.
         """
         posed = make_task(task, **options)
-        look = Look(colour, overlay, frame_size)
+        look = Look(colour, overlay, frame_size, spheres)
         self._screen = Screen(render_mode, posed.control_interval)
         self.render_mode = render_mode
         self.metadata = self._screen.metadata(self.metadata)

@@ -44,6 +44,7 @@ class FluidVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         colour: str = "speed",
         overlay: bool = False,
         frame_size: tuple[int, int] = (640, 400),
+        spheres: bool = False,
         device: str | None = None,
         threads: int | None = None,
         output: str = "numpy",
@@ -63,6 +64,7 @@ class FluidVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             colour: What frames are coloured by: "speed", "pressure" or "density".
             overlay: Whether the observed grid is laid over frames, in 2D.
             frame_size: Width and height of a frame [pixels].
+            spheres: Whether frames show each particle by itself, not the body of water that they make.
             device: "cpu", "cuda", ...; None takes a GPU where there is one.
             threads: How many threads of a CPU share the worlds, at most; None is as many as there are processors.
             output: "numpy", or "torch": observations, rewards and ends are tensors on the device of the fluid, which
@@ -78,7 +80,7 @@ class FluidVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             raise ValueError("output = 'torch' has no images; use obs='grid', or output='numpy'")
         self._torch = _find_torch() if output == "torch" else None
         posed = make_task(task, **options)
-        look = Look(colour, overlay, frame_size)
+        look = Look(colour, overlay, frame_size, spheres)
         self._screen = Screen(render_mode, posed.control_interval)
         self._mode = _autoreset_mode(autoreset_mode)
         _check_count("num_envs", num_envs)

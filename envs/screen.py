@@ -24,6 +24,7 @@ class Look:
         colour: What the fluid is coloured by: "speed", "pressure" or "density".
         overlay: Whether the observed grid is laid over a frame, in 2D.
         frame_size: Width and height of a frame [pixels].
+        spheres: Whether each particle is drawn by itself, not the body of water that they make.
 
     Raises:
         ValueError: A field is unknown or out of its limits.
@@ -32,10 +33,12 @@ class Look:
     colour: str = "speed"
     overlay: bool = False
     frame_size: tuple[int, int] = (640, 400)
+    spheres: bool = False
 
     def __post_init__(self) -> None:
         check_choice("colour", self.colour, COLOURS, ", ".join(map(repr, COLOURS)))
         check_type("overlay", self.overlay, bool, "a bool", "True or False")
+        check_type("spheres", self.spheres, bool, "a bool", "True or False")
         size = self.frame_size
         check_type("frame_size", size, Sequence, "a pair of numbers", "(640, 400)")
         if len(size) != 2 or not all(isinstance(side, int) and 64 <= side <= 8192 for side in size):

@@ -34,6 +34,7 @@ def draw_frame(
     outflows: Sequence[Mapping[str, Any]] = (),
     grid: Any = None,
     size: tuple[int, int] = (640, 400),
+    spheres: bool = False,
 ) -> np.ndarray:
     """Draw particles as water in their box.
 
@@ -71,6 +72,8 @@ def draw_frame(
         grid: Shares in 0 to 1 of the cells of a grid over the box, from its lower corner (ny, nx), laid over a picture
             in two dimensions; None is none.
         size: Width and height of the picture [px], each from 64 to 8192.
+        spheres: Whether each particle is drawn by itself, a ball or disc as wide as the spacing, not the body of water
+            that they make.
 
     Returns:
         The picture (height, width, 3), uint8, a new array.
@@ -96,6 +99,7 @@ def draw_frame(
         outflows=outflows,
         grid=grid,
         size=size,
+        spheres=spheres,
     )
     layout = lay_out(shot)
     canvas = Canvas(shot.size, BACKGROUND)

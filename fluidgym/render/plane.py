@@ -117,9 +117,10 @@ def _draw_water(canvas: Canvas, shot: Shot, plan: Plan) -> None:
 
     if shot.bodies:
         fraction = fraction + _stand_in(shot, plan, fraction, spacing)
-    body = _depth_of_body(fraction, spacing)
     room = _room(shot, plan, origin, shape)
-    drops = _depth_of_drops(places[: len(shot.positions)], fraction * room, spacing)
+    body = np.full(shape, -1.0, np.float32) if shot.spheres else _depth_of_body(fraction, spacing)
+    hidden = np.zeros_like(fraction) if shot.spheres else fraction * room
+    drops = _depth_of_drops(places[: len(shot.positions)], hidden, spacing)
     depth = np.maximum(body, drops)
     cover = np.clip(body + 0.5, 0.0, 1.0) * room
     cover = np.maximum(cover, np.clip(drops + 0.5, 0.0, 1.0))

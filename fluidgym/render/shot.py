@@ -58,6 +58,7 @@ class Shot:
         outflows: Lower and upper corners of the regions that remove water (dim,) [m].
         grid: Shares in 0 to 1 of the cells of a grid over the box, from its lower corner (ny, nx), or None.
         size: Width and height of the picture [px].
+        spheres: Whether each particle is drawn by itself, not the body of water that they make.
     """
 
     positions: np.ndarray
@@ -77,6 +78,7 @@ class Shot:
     outflows: tuple[tuple[np.ndarray, np.ndarray], ...]
     grid: np.ndarray | None
     size: tuple[int, int]
+    spheres: bool = False
 
     @property
     def dim(self) -> int:
@@ -103,6 +105,7 @@ def check_shot(
     outflows: Sequence[Mapping[str, Any]],
     grid: Any = None,
     size: tuple[int, int],
+    spheres: bool = False,
 ) -> Shot:
     """Check the arguments of ``draw_frame`` and gather them.
 
@@ -124,6 +127,7 @@ def check_shot(
         outflows: As in ``draw_frame``.
         grid: As in ``draw_frame``.
         size: As in ``draw_frame``.
+        spheres: As in ``draw_frame``.
 
     Returns:
         What is drawn, without particles that are far away or have a position or value that is not finite.
@@ -151,6 +155,7 @@ def check_shot(
         outflows=check_outflows(outflows, *corners),
         grid=None if grid is None else _check_grid(grid, len(corners[0])),
         size=_check_size(size),
+        spheres=bool(spheres),
     )
 
 

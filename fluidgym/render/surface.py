@@ -56,6 +56,10 @@ def find_surface(shot: Shot, camera: Camera) -> tuple[Patches, Patches]:
     Returns:
         Discs on the surface, and balls for the particles that are not inside the body.
     """
+    if shot.spheres:
+        radius, nothing = np.full(len(shot.positions), 0.5 * shot.spacing), np.zeros((0, 3))
+        balls = Patches(shot.positions, np.zeros_like(shot.positions), shot.values, radius, True)
+        return Patches(nothing, nothing, np.zeros(0), np.zeros(0), False), balls
     origin, cell, shape = _grid(shot, camera)
     points, values = field.with_images(shot)
     fraction, value = field.spread(points - origin, values, shot.spacing, cell, shape)
@@ -156,7 +160,8 @@ def show_surface(shot: Shot, camera: Camera) -> tuple[np.ndarray, np.ndarray, np
     count = shot.size[0] * shot.size[1]
     nearest = np.full(count, np.inf, dtype=np.float32)
     np.minimum.at(nearest, pixel, depth)
-    weight = weight * (depth < nearest[pixel] + 0.5 * shot.spacing)
+    together = (0.05 if shot.spheres else 0.5) * shot.spacing  # what is so near in depth is one surface
+    weight = weight * (depth < nearest[pixel] + together)
     total = np.bincount(pixel, weight, minlength=count)
     wet = np.flatnonzero(total > 0.0)
 
