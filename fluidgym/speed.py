@@ -27,6 +27,8 @@ import warp as wp
 from fluidgym.benchmark import column_scene
 from fluidgym.cuda_report import CudaKernel, compiled
 from fluidgym.envs.fluid_vector_env import FluidVectorEnv
+from fluidgym.picture import picture, shot_of
+from fluidgym.render.mesh import Mesh, mesh_surface
 from fluidgym.scheme import DEFAULT_SCHEME, FIDELITIES, Scheme
 from fluidgym.solver import Solver
 from fluidgym.sph.neighbour_count import make_counter
@@ -42,6 +44,7 @@ BATCHES = (1, 16, 256, 1024)  # worlds
 BATCH_SIZE = 1000  # particles of each
 ENV_BATCHES = (1, 8, 64)
 ENV_SECONDS = 2.0
+FRAMES = (2000, 10000, 50000)  # particles of worlds that are drawn
 
 
 @dataclass(frozen=True)
@@ -414,6 +417,64 @@ def measure_memory(dim: int, particles: int) -> Memory:
     return Memory(dim, capacity, taken / capacity, resident * 1e-6)
 
 
+# -- frames ------------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class FrameTime:
+    """How long a picture of 640 x 400 pixels takes, and the surface as triangles.
+
+    Attributes:
+        dim: Number of dimensions.
+        particles: Particles.
+        surface_s: With the body of water drawn [s].
+        spheres_s: With each particle drawn [s].
+        mesh_s: To find the triangles of the surface [s]; of a world of two dimensions those of a slab.
+        triangles: How many they are.
+    """
+
+    dim: int
+    particles: int
+    surface_s: float
+    spheres_s: float
+    mesh_s: float
+    triangles: int
+
+    HEAD = "dim  particles  surface [ms]  spheres [ms]  mesh [ms]  triangles"
+
+    def line(self) -> str:
+        """One row under HEAD."""
+        times = f"{1e3 * self.surface_s:12.0f}  {1e3 * self.spheres_s:12.0f}  {1e3 * self.mesh_s:9.0f}"
+        return f"{self.dim}D   {self.particles:9}  {times}  {self.triangles:9}"
+
+
+def measure_frame(dim: int, size: int, device: str) -> FrameTime:
+    """Time pictures of the falling column; the fastest of three counts."""
+    solver = Solver(column_scene(dim, size), device=device)
+    solver.advance(SETTLED)
+
+    def fastest(draw: Callable[[], Any]) -> float:
+        draw()
+        times = []
+        for _ in range(3):
+            begin = time.perf_counter()
+            draw()
+            times.append(time.perf_counter() - begin)
+        return min(times)
+
+    def mesh() -> Mesh:
+        return mesh_surface(shot_of(solver, layers=4))
+
+    return FrameTime(
+        dim,
+        solver.capacity,
+        fastest(lambda: picture(solver)),
+        fastest(lambda: picture(solver, spheres=True)),
+        fastest(mesh),
+        len(mesh().triangles),
+    )
+
+
 # -- beside others -----------------------------------------------------------------------------------------------------
 
 # M particle-steps/s of DualSPHysics 5.4 at about 10000 particles, one core, Wendland C2: by dimensions, after its
@@ -638,6 +699,11 @@ def sections(
         for count in (every if worlds > 1 else (1,))
     ]
     tables.append(Section("Environments, random actions, numpy", EnvSpeed.HEAD, timed))
+    tables.append(
+        Section(
+            "Frames", FrameTime.HEAD, [partial(measure_frame, dim, size, device) for dim in dims for size in FRAMES]
+        )
+    )
     starts: list[Callable[[], Any]] = [partial(measure_start, name, device) for name in names]
     if not cuda:
         starts += [partial(measure_memory, dim, 50000) for dim in dims]

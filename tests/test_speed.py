@@ -68,10 +68,18 @@ def test_an_environment_is_timed_beside_its_solver():
     assert name in row.line()
 
 
+@pytest.mark.parametrize("dim", [2, 3])
+def test_frames_are_timed(dim):
+    row = speed.measure_frame(dim, 500, "cpu")
+    assert row.dim == dim and row.particles > 300 and row.triangles > 100
+    assert min(row.surface_s, row.spheres_s, row.mesh_s) > 0.0
+    assert len(row.line()) >= len(row.HEAD) - 2
+
+
 def test_all_tables_have_rows_and_heads():
     tables = speed.sections("cpu", ENVIRONMENTS, peer="pysph")
     titles = [table.title for table in tables]
-    assert len(titles) == len(set(titles)) == 7
+    assert len(titles) == len(set(titles)) == 8
     several = 2 if processors() > 1 else 1
     expected = [
         2 * len(speed.SIZES),
@@ -79,6 +87,7 @@ def test_all_tables_have_rows_and_heads():
         4,
         6,
         2 * (1 + several * (len(speed.ENV_BATCHES) - 1)),
+        2 * len(speed.FRAMES),
         len(ENVIRONMENTS) + 2,
         8,
     ]

@@ -217,7 +217,10 @@ class Page:
             cloud.points, cloud.colors = points, colours
 
     def _show_surface(self) -> None:
-        mesh = mesh_surface(shot_of(self.flow.solver, layers=LAYERS))
+        scene = self.flow.solver.scene
+        mesh = mesh_surface(
+            shot_of(self.flow.solver, layers=LAYERS), scene.particle_spacing * (0.5, 1.0)[scene.dim == 2]
+        )
         self._take_away("/particles")
         self._shapes["/surface"] = self._server.scene.add_mesh_simple(
             "/surface", mesh.vertices, mesh.triangles, color=_WATER, opacity=0.85, side="double"
