@@ -297,24 +297,22 @@ def read_damaged(files, which, cut, changes, foreign):
         works_or_is_refused(lambda: Policy.load(path))
 
 
+damage = {
+    "which": st.sampled_from(["snapshot", "policy"]),
+    "cut": st.one_of(st.just(0), st.integers(0, 10**4)),
+    "changes": places,
+    "foreign": st.one_of(st.none(), st.binary(max_size=64)),
+}
+
+
 @settings(max_examples=100, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
-@given(
-    which=st.sampled_from(["snapshot", "policy"]),
-    cut=st.one_of(st.just(0), st.integers(0, 10**4)),
-    changes=places,
-    foreign=st.one_of(st.none(), st.binary(max_size=64)),
-)
+@given(**damage)
 def test_damaged_file_is_refused(files, which, cut, changes, foreign):
     read_damaged(files, which, cut, changes, foreign)
 
 
 @pytest.mark.slow
 @settings(max_examples=MANY, deadline=None, suppress_health_check=list(HealthCheck))
-@given(
-    which=st.sampled_from(["snapshot", "policy"]),
-    cut=st.one_of(st.just(0), st.integers(0, 10**4)),
-    changes=places,
-    foreign=st.one_of(st.none(), st.binary(max_size=64)),
-)
+@given(**damage)
 def test_damaged_file_is_refused_long(files, which, cut, changes, foreign):
     read_damaged(files, which, cut, changes, foreign)
