@@ -36,6 +36,7 @@ class FluidEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         overlay: bool = False,
         frame_size: tuple[int, int] = (640, 400),
         spheres: bool = False,
+        camera: tuple[float, float] | None = None,
         device: str | None = None,
         threads: int | None = None,
         **options: Any,
@@ -49,6 +50,7 @@ class FluidEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             overlay: Whether the observed grid is laid over frames, in 2D.
             frame_size: Width and height of a frame [pixels].
             spheres: Whether frames show each particle by itself, not the body of water that they make.
+            camera: In 3D, how far around the box from the front to the right, and how far up, the eye is [degrees].
             device: "cpu", "cuda", ...; None takes a GPU where there is one.
             threads: How many threads of a CPU share the worlds, at most; None is as many as there are processors.
             options: What the task takes; see its class.
@@ -57,7 +59,7 @@ class FluidEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             ValueError: An argument is out of its limits.
         """
         posed = make_task(task, **options)
-        look = Look(colour, overlay, frame_size, spheres)
+        look = Look(colour, overlay, frame_size, spheres, camera)
         self._screen = Screen(render_mode, posed.control_interval)
         self.render_mode = render_mode
         self.metadata = self._screen.metadata(self.metadata)

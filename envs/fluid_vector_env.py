@@ -14,7 +14,7 @@ from gymnasium.vector.utils import batch_space
 from fluidgym.checks import check_choice
 from fluidgym.envs import make_task
 from fluidgym.envs.runner import Outcome, Runner, check_seed, opened
-from fluidgym.envs.screen import MOST_TILES, RENDER_MODES, Look, Screen
+from fluidgym.envs.screen import MOST_TILES, RENDER_MODES, Look, Screen, tile
 from fluidgym.envs.task import Task
 from fluidgym.solver import Solver
 
@@ -45,6 +45,7 @@ class FluidVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         overlay: bool = False,
         frame_size: tuple[int, int] = (640, 400),
         spheres: bool = False,
+        camera: tuple[float, float] | None = None,
         device: str | None = None,
         threads: int | None = None,
         output: str = "numpy",
@@ -65,6 +66,7 @@ class FluidVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             overlay: Whether the observed grid is laid over frames, in 2D.
             frame_size: Width and height of a frame [pixels].
             spheres: Whether frames show each particle by itself, not the body of water that they make.
+            camera: In 3D, how far around the box from the front to the right, and how far up, the eye is [degrees].
             device: "cpu", "cuda", ...; None takes a GPU where there is one.
             threads: How many threads of a CPU share the worlds, at most; None is as many as there are processors.
             output: "numpy", or "torch": observations, rewards and ends are tensors on the device of the fluid, which
@@ -80,7 +82,7 @@ class FluidVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             raise ValueError("output = 'torch' has no images; use obs='grid', or output='numpy'")
         self._torch = _find_torch() if output == "torch" else None
         posed = make_task(task, **options)
-        look = Look(colour, overlay, frame_size, spheres)
+        look = Look(colour, overlay, frame_size, spheres, camera)
         self._screen = Screen(render_mode, posed.control_interval)
         self._mode = _autoreset_mode(autoreset_mode)
         _check_count("num_envs", num_envs)
@@ -187,6 +189,27 @@ class FluidVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """
         opened(self._runner, "set_state", begun=True).set_state(world, state)
         self._ended[world] = False
+
+    def mosaic(self, worlds: Sequence[int] | None = None) -> np.ndarray:
+        """Some worlds in one picture (height, width, 3) uint8, row by row in a square, whatever the render mode.
+
+        Args:
+            worlds: Which; None is the first sixteen, or all if there are fewer.
+
+        Raises:
+            IndexError: There is no such world.
+            ValueError: None is named.
+            ResetNeeded: There was no reset yet.
+            ClosedEnvironmentError: The environment is closed.
+        """
+        runner = opened(self._runner, "mosaic", begun=True)
+        chosen = range(min(self.num_envs, MOST_TILES)) if worlds is None else worlds
+        if not len(chosen):
+            raise ValueError("worlds is empty; name one or more")
+        for world in chosen:
+            if not 0 <= world < self.num_envs:
+                raise IndexError(f"worlds has {world}, which is outside 0 to {self.num_envs - 1}")
+        return tile([runner.frame(world) for world in chosen])
 
     def render(self) -> tuple[np.ndarray, ...] | None:
         """One picture (height, width, 3) uint8 of each world, or None where the window shows them already.

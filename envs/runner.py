@@ -184,7 +184,7 @@ class Runner:
         from fluidgym.picture import picture  # a picture costs nothing where none is asked for
 
         look, task = self._look, self.task
-        annotations = {"size": look.frame_size, "spheres": look.spheres, **task.annotate(world)}
+        annotations = {"size": look.frame_size, "spheres": look.spheres, "camera": look.camera, **task.annotate(world)}
         if look.overlay and task.dim == 2:
             annotations["grid"] = task.shares(world)
         speeds = (0.0, task.reference_speed) if look.colour == "speed" else None

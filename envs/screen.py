@@ -25,6 +25,7 @@ class Look:
         overlay: Whether the observed grid is laid over a frame, in 2D.
         frame_size: Width and height of a frame [pixels].
         spheres: Whether each particle is drawn by itself, not the body of water that they make.
+        camera: In 3D, how far around the box from the front to the right, and how far up, the eye is [degrees].
 
     Raises:
         ValueError: A field is unknown or out of its limits.
@@ -34,6 +35,7 @@ class Look:
     overlay: bool = False
     frame_size: tuple[int, int] = (640, 400)
     spheres: bool = False
+    camera: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         check_choice("colour", self.colour, COLOURS, ", ".join(map(repr, COLOURS)))
@@ -43,6 +45,12 @@ class Look:
         check_type("frame_size", size, Sequence, "a pair of numbers", "(640, 400)")
         if len(size) != 2 or not all(isinstance(side, int) and 64 <= side <= 8192 for side in size):
             raise ValueError(f"frame_size = {size!r} is not two whole numbers of 64 to 8192; use (640, 400)")
+        if self.camera is not None:
+            good = np.shape(self.camera) == (2,) and all(isinstance(angle, int | float) for angle in self.camera)
+            if not good or not -89.0 <= self.camera[1] <= 89.0:
+                raise ValueError(
+                    f"camera = {self.camera!r} is not two angles, the second of -89 to 89 degrees; use (25, 25)"
+                )
 
 
 class Screen:
@@ -75,7 +83,7 @@ class Screen:
             from fluidgym.render import Window
 
             self._window = Window("FluidGym", fps=self._frames_per_second)
-        self._window.show(_tile(frames))
+        self._window.show(tile(frames))
 
     def close(self) -> None:
         """Close the window, if there is one."""
@@ -84,7 +92,7 @@ class Screen:
             self._window = None
 
 
-def _tile(frames: Sequence[np.ndarray]) -> np.ndarray:
+def tile(frames: Sequence[np.ndarray]) -> np.ndarray:
     """Frames of one size as one picture, row by row in a square."""
     columns = math.ceil(math.sqrt(len(frames)))
     rows = math.ceil(len(frames) / columns)

@@ -36,7 +36,7 @@ def picture(
         world: Number of the world.
         colour: By what: "speed", "pressure", "density" or "temperature".
         value_range: Values at the two ends of the colour bar; None is `usual_range`.
-        annotations: What else `draw_frame` takes: time, title, text, zone, grid, size, spheres.
+        annotations: What else `draw_frame` takes: time, title, text, zone, grid, size, spheres, camera.
 
     Returns:
         The picture (height, width, 3), uint8.

@@ -667,6 +667,19 @@ def test_vector_env_draws_a_frame_of_each_world(dim):
     assert (envs.render()[0] != frames[0]).any()
 
 
+def test_a_mosaic_has_a_tile_for_each_world():
+    envs = FluidVectorEnv(5, frame_size=(128, 96), render_mode="rgb_array", **SMALL)
+    envs.reset(seed=1)
+    frames, mosaic = envs.render(), envs.mosaic()
+    assert mosaic.shape == (2 * 96, 3 * 128, 3)
+    assert (mosaic[96:, 128:256] == frames[4]).all()
+    assert (envs.mosaic([4, 0])[:, 128:] == frames[0]).all()
+    with pytest.raises(IndexError, match="worlds has 5, which is outside 0 to 4"):
+        envs.mosaic([5])
+    with pytest.raises(ValueError, match="worlds is empty"):
+        envs.mosaic([])
+
+
 def test_frames_look_as_asked_for():
     frames = {}
     for name, look in {
@@ -674,6 +687,7 @@ def test_frames_look_as_asked_for():
         "pressure": {"colour": "pressure"},
         "overlay": {"overlay": True},
         "small": {"frame_size": (320, 200)},
+        "spheres": {"spheres": True},
     }.items():
         env = FluidEnv(render_mode="rgb_array", **SMALL, **look)
         env.reset(seed=1)
@@ -682,6 +696,7 @@ def test_frames_look_as_asked_for():
         env.close()
     assert frames["small"].shape == (200, 320, 3)
     assert (frames["speed"] != frames["pressure"]).any()
+    assert (frames["speed"] != frames["spheres"]).any()
     assert 0.01 < (frames["speed"] != frames["overlay"]).any(axis=2).mean() < 0.5
 
 
@@ -690,6 +705,8 @@ def test_frames_look_as_asked_for():
     ("look", "message"),
     [
         ({"colour": "taste"}, "colour = 'taste' is unknown; use 'speed', 'pressure', 'density'"),
+        ({"camera": (10, 90)}, r"camera = \(10, 90\) is not two angles, .* use \(25, 25\)"),
+        ({"spheres": None}, "spheres = None is not a bool; use True or False"),
         ({"overlay": 1}, "overlay = 1 is not a bool; use True or False"),
         ({"frame_size": (640,)}, r"frame_size = \(640,\) is not two whole numbers of 64 to 8192; use \(640, 400\)"),
     ],

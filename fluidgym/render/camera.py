@@ -1,4 +1,4 @@
-"""A fixed camera that looks at a box from the front, the right and above."""
+"""A camera that looks at a box, from the front, the right and above unless it is put elsewhere."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from fluidgym.render.legend import Layout
+from fluidgym.render.shot import USUAL_CAMERA
 
-_TOWARDS_EYE = np.array([0.46, -1.0, 0.52])
 _DISTANCE = 1.9  # From the middle of the box to the eye, in box diagonals.
 
 
@@ -55,7 +55,9 @@ class Camera:
         return self.zoom / np.maximum(depth, 1e-9)
 
 
-def aim(lower: np.ndarray, upper: np.ndarray, layout: Layout, margin: float) -> Camera:
+def aim(
+    lower: np.ndarray, upper: np.ndarray, layout: Layout, margin: float, angles: tuple[float, float] = USUAL_CAMERA
+) -> Camera:
     """Set up the camera so that the box just fits the view.
 
     Args:
@@ -63,11 +65,13 @@ def aim(lower: np.ndarray, upper: np.ndarray, layout: Layout, margin: float) -> 
         upper: Upper box corner (3,) [m].
         layout: Which part of the picture is the view.
         margin: Free space inside the view on every side [px].
+        angles: Around the box from the front to the right, and up from the floor [degrees].
 
     Returns:
         The camera.
     """
-    back = _TOWARDS_EYE / np.linalg.norm(_TOWARDS_EYE)
+    around, up = np.radians(angles)
+    back = np.array([np.sin(around) * np.cos(up), -np.cos(around) * np.cos(up), np.sin(up)])
     right = np.cross([0.0, 0.0, 1.0], back)
     right /= np.linalg.norm(right)
     axes = np.stack([right, np.cross(back, right), back])

@@ -35,6 +35,7 @@ def draw_frame(
     grid: Any = None,
     size: tuple[int, int] = (640, 400),
     spheres: bool = False,
+    camera: tuple[float, float] | None = None,
 ) -> np.ndarray:
     """Draw particles as water in their box.
 
@@ -74,6 +75,8 @@ def draw_frame(
         size: Width and height of the picture [px], each from 64 to 8192.
         spheres: Whether each particle is drawn by itself, a ball or disc as wide as the spacing, not the body of water
             that they make.
+        camera: In three dimensions, how far around the box from the front to the right, and how far up, the eye is
+            [degrees]; None is (24.7, 25.3).
 
     Returns:
         The picture (height, width, 3), uint8, a new array.
@@ -100,6 +103,7 @@ def draw_frame(
         grid=grid,
         size=size,
         spheres=spheres,
+        camera=camera,
     )
     layout = lay_out(shot)
     canvas = Canvas(shot.size, BACKGROUND)

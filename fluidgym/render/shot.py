@@ -11,6 +11,9 @@ import numpy as np
 from fluidgym.render.checks import box, number, positive
 from fluidgym.render.fittings import Nozzle, Solid, check_bodies, check_inflows, check_outflows
 
+# How far to the right of the front the eye is, and how far above [degrees].
+USUAL_CAMERA = (24.7, 25.3)
+
 KINDS = ("wall", "open", "periodic")
 _AXES = "xyz"
 _FARTHEST = 100.0  # Particles farther from the middle of the box, in box diagonals, are left out.
@@ -59,6 +62,7 @@ class Shot:
         grid: Shares in 0 to 1 of the cells of a grid over the box, from its lower corner (ny, nx), or None.
         size: Width and height of the picture [px].
         spheres: Whether each particle is drawn by itself, not the body of water that they make.
+        camera: Around the box from the front to the right, and up from the floor, in three dimensions [degrees].
     """
 
     positions: np.ndarray
@@ -79,6 +83,7 @@ class Shot:
     grid: np.ndarray | None
     size: tuple[int, int]
     spheres: bool = False
+    camera: tuple[float, float] = USUAL_CAMERA
 
     @property
     def dim(self) -> int:
@@ -106,6 +111,7 @@ def check_shot(
     grid: Any = None,
     size: tuple[int, int],
     spheres: bool = False,
+    camera: tuple[float, float] | None = None,
 ) -> Shot:
     """Check the arguments of ``draw_frame`` and gather them.
 
@@ -128,6 +134,7 @@ def check_shot(
         grid: As in ``draw_frame``.
         size: As in ``draw_frame``.
         spheres: As in ``draw_frame``.
+        camera: As in ``draw_frame``.
 
     Returns:
         What is drawn, without particles that are far away or have a position or value that is not finite.
@@ -156,6 +163,7 @@ def check_shot(
         grid=None if grid is None else _check_grid(grid, len(corners[0])),
         size=_check_size(size),
         spheres=bool(spheres),
+        camera=USUAL_CAMERA if camera is None else _check_camera(camera),
     )
 
 
@@ -166,6 +174,15 @@ def _check_zone(zone: Any, dim: int) -> tuple[np.ndarray, np.ndarray]:
     if len(lower) != dim:
         raise ValueError(f"zone: {len(lower)} axes, but the box has {dim}; give corners of {dim} [m]")
     return lower, upper
+
+
+def _check_camera(camera: Any) -> tuple[float, float]:
+    if np.shape(camera) != (2,):
+        raise ValueError(f"camera: {camera!r} must be two angles; give (around, up) [degrees]")
+    around, up = (number("camera", angle, "[degrees]") for angle in camera)
+    if not -89.0 <= up <= 89.0:
+        raise ValueError(f"camera: {up:g} degrees up is outside -89 to 89; use 25 or so")
+    return around, up
 
 
 def _check_grid(grid: Any, dim: int) -> np.ndarray:

@@ -26,7 +26,7 @@ def draw_space(canvas: Canvas, shot: Shot, layout: Layout) -> None:
         shot: What is drawn.
         layout: Which part of the picture is the view.
     """
-    camera = aim(shot.lower, shot.upper, layout, margin=1.2 * layout.type_size)
+    camera = aim(shot.lower, shot.upper, layout, margin=1.2 * layout.type_size, angles=shot.camera)
     _draw_back(canvas, shot, camera)
     water = solid = borders = None
     if len(shot.positions):
