@@ -7,7 +7,6 @@ scaled by running estimates, as Gymnasium's wrappers do.
 
 import argparse
 import json
-import math
 import time
 from itertools import pairwise
 from pathlib import Path
@@ -27,7 +26,8 @@ RATE = 5e-4
 GAMMA, LAMBDA = 0.99, 0.95
 CLIP = 0.2
 HIDDEN = 64
-WIDTH = 1.0  # of the noise at first
+BOUND = 1.0  # on means of actions past their bounds: beyond, nothing would lead them back, and all control is jerks
+WIDTHS = 1.0, 0.1  # of the noise, at first and in the end: what learns in much noise comes to jerk
 KEPT = 0.7  # of it from step to step: to move water is to go on for a while (Hollenstein et al. 2024)
 
 
@@ -60,17 +60,17 @@ def perceptron(sizes: tuple[int, ...], last: float) -> nn.Sequential:
 
 
 class Agent(nn.Module):
-    """Actor with a Gaussian of its own width around it, and critic."""
+    """Actor with a Gaussian around it, and critic."""
 
     def __init__(self, seen: int, acts: int):
         super().__init__()
         self.actor = perceptron((seen, HIDDEN, HIDDEN, acts), 0.01)
         self.critic = perceptron((seen, HIDDEN, HIDDEN, 1), 1.0)
-        self.log_std = nn.Parameter(torch.full((acts,), math.log(WIDTH)))
+        self.width = WIDTHS[0]
 
     def look(self, seen: torch.Tensor) -> tuple[torch.distributions.Normal, torch.Tensor]:
         mean = self.actor(seen)
-        return torch.distributions.Normal(mean, self.log_std.exp().expand_as(mean)), self.critic(seen)[:, 0]
+        return torch.distributions.Normal(mean, self.width), self.critic(seen)[:, 0]
 
     def policy(self, running: Running, about: dict) -> Policy:
         """The actor without its noise, for NumPy."""
@@ -118,6 +118,7 @@ def train(env_id, difficulty, worlds, steps, minutes, seed, device, out, threads
             if used >= 1.0:
                 break
             optimiser.param_groups[0]["lr"] = RATE * (1.0 - used)
+            agent.width = WIDTHS[0] + (WIDTHS[1] - WIDTHS[0]) * used
             kept = {name: [] for name in ("seen", "action", "chance", "value", "reward", "ended")}
             for _ in range(HORIZON):
                 seen.add(observation)
@@ -167,6 +168,8 @@ def learn(agent, optimiser, data, gain):
             a = (a - a.mean()) / (a.std() + 1e-8)
             surrogate = torch.min(ratio * a, ratio.clamp(1.0 - CLIP, 1.0 + CLIP) * a).mean()
             loss = -surrogate + 0.5 * (value - target[batch]).square().mean()
+            # Past its bounds an action is clipped, and nothing would lead the mean back.
+            loss = loss + BOUND * (gauss.mean.abs() - 1.0).clamp(min=0.0).square().mean()
             optimiser.zero_grad()
             loss.backward()
             nn.utils.clip_grad_norm_(agent.parameters(), 0.5)
