@@ -225,7 +225,7 @@ class FluidTask(Task):
         )
         self._frames: list[Any] = []
         self._begun, self._stepped = np.zeros(worlds, bool), False
-        self._no_reason = np.full(worlds, "", "<U10")
+        self._no_reason = np.full(worlds, "", object)  # as Gymnasium has words in the info of a vector
         self._closed = not scene.outflows and all(face.kind != "open" for face in scene.faces.values())
         self._steps, self._effort = np.zeros(worlds, int), np.zeros(worlds)
         self._shaking = np.zeros((worlds, self.max_episode_steps))
@@ -380,7 +380,9 @@ class FluidTask(Task):
 
     def reasons(self) -> np.ndarray:
         """Why worlds have diverged: "not finite", "density", "speed", "mass", or "" where they have not, (world,)."""
-        return np.select(list(self._signs.values()), list(self._signs), "") if self._diverged.any() else self._no_reason
+        if not self._diverged.any():
+            return self._no_reason
+        return np.select(list(self._signs.values()), list(self._signs), "").astype(object)
 
     def _judge(self) -> None:
         """Find the worlds that have diverged."""

@@ -758,7 +758,7 @@ def test_a_run_goes_to_a_folder_named_after_its_file(small, monkeypatch):
 
 @pytest.fixture
 def short_carry(monkeypatch):
-    monkeypatch.setattr(CarryTank, "duration", 0.2)
+    monkeypatch.setattr(CarryTank, "duration", 0.4)
 
 
 def test_controllers_are_scored_on_held_out_seeds(short_carry, tmp_path, capsys):

@@ -143,7 +143,7 @@ def outcome(tmp_path_factory):
     """What came of building and compiling everything."""
     folder = tmp_path_factory.mktemp("cuda")
     command = [sys.executable, __file__, str(folder)]
-    result = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=600)
+    result = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=1800)
     assert result.returncode == 0, result.stderr
     told = json.loads((folder / "outcome.json").read_text())
     return told | {"output": result.stdout + result.stderr}

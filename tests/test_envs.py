@@ -580,7 +580,7 @@ def test_bad_actions_of_a_vector_env_are_refused_and_named():
     ("options", "message"),
     [
         ({"task": "Tsunami"}, "task = 'Tsunami' is unknown; use 'DamBreakContain'"),
-        ({"colour": 1}, "DamBreakContain has no option 'colour'; use command, max_wall_speed"),
+        ({"taste": 1}, "DamBreakContain has no option 'taste'; use command, max_wall_speed"),
         ({"dim": 4}, "dim = 4 is unknown; use 2 or 3"),
         ({"resolution": 4}, "resolution = 4 particles over the column's height is outside 8 to 512; use 16"),
         ({"obs": "pixels"}, "obs = 'pixels' is unknown; use 'flat', 'grid', 'image'"),
