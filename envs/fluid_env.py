@@ -152,4 +152,4 @@ class FluidEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
 
 def _first(info: dict[str, np.ndarray]) -> dict[str, Any]:
-    return {name: values[0].item() for name, values in info.items()}
+    return {name: values.tolist()[0] for name, values in info.items()}

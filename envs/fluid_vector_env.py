@@ -320,6 +320,7 @@ def _with_masks(info: dict[str, np.ndarray], worlds: np.ndarray) -> dict[str, np
     masked: dict[str, np.ndarray] = {}
     everywhere = worlds.all()
     for name, values in info.items():
-        masked[name] = values.copy() if everywhere else np.where(worlds, values, np.zeros_like(values))
+        nothing = np.full(len(values), None) if values.dtype == object else np.zeros_like(values)
+        masked[name] = values.copy() if everywhere else np.where(worlds, values, nothing)
         masked[f"_{name}"] = worlds.copy()
     return masked
