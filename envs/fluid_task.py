@@ -381,7 +381,7 @@ class FluidTask(Task):
     def reasons(self) -> np.ndarray:
         """Why worlds have diverged: "not finite", "density", "speed", "mass", or "" where they have not, (world,)."""
         if not self._diverged.any():
-            return self._no_reason
+            return self._no_reason.copy()
         return np.select(list(self._signs.values()), list(self._signs), "").astype(object)
 
     def _judge(self) -> None:
