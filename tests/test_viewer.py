@@ -234,4 +234,7 @@ def test_the_page_in_a_browser(tmp_path):
             page.get_by_role("button", name="Reset").click()
             until(lambda: readout("time") == "0.00 s")
             browser.close()
-        assert viewer.wait(timeout=30) == 0  # closing the page leaves no process
+        try:
+            assert viewer.wait(timeout=30) == 0  # closing the page leaves no process
+        finally:
+            viewer.kill()
