@@ -24,31 +24,33 @@ for (int lane = 0; lane < lanes; ++lane) {
 #pragma clang fp reassociate(on) contract(fast)
 """
 
-# Sine and cosine of an angle within a right angle, by Taylor's series: to 6e-8.
+# Sine and cosine of an angle within a right angle, by Taylor's series: to 6e-8. In double precision, those of the
+# library; what is not used leaves no code.
 _SINE = """
 const float {0}_2 = {0} * {0};
-const float sine_{0} = {0} * (1.0f + {0}_2 * (-1.6666667e-1f + {0}_2 * (8.3333333e-3f + {0}_2 * (-1.9841270e-4f
-    + {0}_2 * (2.7557319e-6f - {0}_2 * 2.5052108e-8f)))));
-const float cosine_{0} = 1.0f + {0}_2 * (-0.5f + {0}_2 * (4.1666667e-2f + {0}_2 * (-1.3888889e-3f
-    + {0}_2 * (2.4801587e-5f + {0}_2 * (-2.7557319e-7f + {0}_2 * 2.0876757e-9f)))));
+const float sine_{0} = sizeof(float) > 4 ? sinf({0}) : {0} * (1.0f + {0}_2 * (-1.6666667e-1f
+    + {0}_2 * (8.3333333e-3f + {0}_2 * (-1.9841270e-4f + {0}_2 * (2.7557319e-6f - {0}_2 * 2.5052108e-8f)))));
+const float cosine_{0} = sizeof(float) > 4 ? cosf({0}) : 1.0f + {0}_2 * (-0.5f + {0}_2 * (4.1666667e-2f
+    + {0}_2 * (-1.3888889e-3f + {0}_2 * (2.4801587e-5f + {0}_2 * (-2.7557319e-7f + {0}_2 * 2.0876757e-9f)))));
 """
 
 # Arc tangent (Abramowitz & Stegun 1964, 4.4.49, after one halving of the angle): to 1e-7.
 _ARC = """
 const float halved_{0} = {0} / (1.0f + sqrtf(1.0f + {0} * {0}));
 const float square_{0} = halved_{0} * halved_{0};
-const float arc_{0} = 2.0f * halved_{0} * (1.0f + square_{0} * (-0.3333314528f + square_{0} * (0.1999355085f
+const float arc_{0} = sizeof(float) > 4 ? atanf({0}) : 2.0f * halved_{0} * (1.0f
+    + square_{0} * (-0.3333314528f + square_{0} * (0.1999355085f
     + square_{0} * (-0.1420889944f + square_{0} * (0.1065626393f + square_{0} * (-0.0752896400f
     + square_{0} * (0.0429096138f + square_{0} * (-0.0161657367f + square_{0} * 0.0028662257f))))))));
 """
 
 
 def _table(name: str, values: Sequence[float] | np.ndarray) -> str:
-    return f"const float {name}[{len(values)}] = {{{', '.join(f'{value:.9e}f' for value in values)}}};"
+    return f"const float {name}[{len(values)}] = {{{', '.join(f'{value:.17e}f' for value in values)}}};"
 
 
 def _type(rows: int, columns: int) -> str:
-    return f"wp::mat_t<{rows}, {columns}, wp::float32>"
+    return f"wp::mat_t<{rows}, {columns}, float>"
 
 
 @lru_cache
