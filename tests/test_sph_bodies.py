@@ -241,19 +241,23 @@ def test_nothing_is_shot_through_a_sheet(device):
 
 
 @each_dim
-@each_shape
+@pytest.mark.parametrize("kind", ["box", "ball", "company"])
 def test_native_and_plain_loops_hide_the_same_neighbours(dim, kind, device):
-    shape = (
-        Ball(place(0.5, 0.3, dim, 0.15), 0.06)
-        if kind == "ball"
-        else Box(place(0.45, 0.1, dim), place(0.47, 0.4, dim, 0.3))
-    )
+    def block(low, high):
+        return Box(place(low[0], low[1], dim), place(high[0], high[1], dim, 0.3))
+
+    shapes = {
+        "box": [block((0.45, 0.1), (0.47, 0.4))],
+        "ball": [Ball(place(0.5, 0.3, dim, 0.15), 0.06)],
+        # Thick and thin, one upon another, on the floor and off it.
+        "company": [block((0.3, 0.0), (0.55, 0.2)), block((0.3, 0.2), (0.4, 0.4)), block((0.57, 0.05), (0.6, 0.3))],
+    }[kind]
     scene = Scene(
         place(0.0, 0.0, dim),
         place(0.8, 0.6, dim, 0.3),
         0.05,
         [Fluid(Box(place(0.0, 0.0, dim), place(0.8, 0.5, dim, 0.3)), pressure="hydrostatic")],
-        bodies={"body": Body(shape, slip="no", moving=True)},
+        bodies={f"body {n}": Body(shape, slip="no", moving=True) for n, shape in enumerate(shapes)},
         jitter=0.2,
     )
     found = []
