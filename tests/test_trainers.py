@@ -16,7 +16,7 @@ from fluidgym.envs.policy import Policy
 from fluidgym.envs.sb3 import SB3VecEnv
 
 POLICIES = Path(__file__).resolve().parents[1] / "examples" / "policies"
-SHORT = {"difficulty": "easy", "episode": 0.3, "device": "cpu"}
+SHORT = {"difficulty": "easy", "episode": 0.6, "device": "cpu"}
 
 
 def make_policy(seen, acts, seed=0):
@@ -48,7 +48,7 @@ def test_sb3_sees_what_the_vector_env_shows():
             if ended[world]:
                 np.testing.assert_array_equal(infos[world]["terminal_observation"], info["final_obs"][world])
                 assert infos[world]["TimeLimit.truncated"] is True
-                assert infos[world]["time"] == info["final_info"]["time"][world] == pytest.approx(0.3)
+                assert infos[world]["time"] == info["final_info"]["time"][world] == pytest.approx(0.6)
                 assert theirs.reset_infos[world]["time"] == 0.0
             else:
                 assert infos[world]["distance"] == info["distance"][world]

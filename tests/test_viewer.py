@@ -73,7 +73,7 @@ def test_a_controller_turns_the_knobs_and_the_end_is_told():
     flow.step()
     assert flow.readouts()["time"] == steps
     grid = flow.grid()
-    assert grid is not None and grid.shape == (4, 8)
+    assert grid is not None and grid.shape == (8, 12)
     assert grid[-1].mean() > 0.8 > 0.2 > grid[0].mean()  # water is below
 
 

@@ -44,7 +44,7 @@ class SloshDamp(WallTask):
     grids: ClassVar = {2: (8, 12)}
     duration = 6.0
     levels: ClassVar = {
-        "easy": Level("fast", variation=0.3, disturbance=0.06, resolution={2: 8}, grids={2: (4, 8)}, interval=0.1),
+        "easy": Level("fast", variation=0.3, disturbance=0.06, resolution={2: 8}, interval=0.1),
         "medium": Level(variation=0.7, disturbance=0.08),
         "hard": Level(variation=1.0, disturbance=0.1, viscosity=1e-3, resolution={2: 20}),
     }

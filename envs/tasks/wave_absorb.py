@@ -47,7 +47,7 @@ class WaveAbsorb(WallTask):
     grids: ClassVar = {2: (6, 24)}
     duration = 8.0
     levels: ClassVar = {
-        "easy": Level("fast", variation=0.3, resolution={2: 8}, grids={2: (3, 12)}, interval=0.1),
+        "easy": Level("fast", variation=0.3, resolution={2: 8}, interval=0.1),
         "medium": Level(variation=0.7),
         "hard": Level(variation=1.0, disturbance=0.003, viscosity=1e-4, resolution={2: 16}),
     }
