@@ -20,20 +20,21 @@ HERE = Path(__file__).resolve().parent
 SIZE = (320, 200)
 
 
-def film(env_id: str, controller, seed: int, seconds: float) -> list[np.ndarray]:
-    """The frames of an episode, as many as those seconds have."""
+def film(env_id: str, controller, seed: int, seconds: float) -> tuple[list[np.ndarray], float]:
+    """The frames of an episode, as many as those seconds have, and the time between two [s]."""
     options = {**gym.spec(env_id).kwargs, "difficulty": "easy"}
     env = FluidEnv(render_mode="rgb_array", frame_size=SIZE, **options)
     if isinstance(controller, Policy):
         controller.check(env.task)
     observation, _ = env.reset(seed=seed)
+    interval = env.task.control_interval
     frames, ended = [env.render()], False
-    while not ended and len(frames) * env.task.control_interval <= seconds:
+    while not ended and len(frames) * interval <= seconds:
         observation, _, terminated, truncated, _ = env.step(act(controller, env.task, observation[None])[0])
         frames.append(env.render())
         ended = terminated or truncated
     env.close()
-    return [np.asarray(frame) for frame in frames]
+    return [np.asarray(frame) for frame in frames], interval
 
 
 def main() -> None:
@@ -49,11 +50,11 @@ def main() -> None:
         name = env_id.rpartition("/")[2]
         path = HERE / "policies" / f"{name}.npz"
         controllers = ["null", "scripted", *([Policy.load(path)] if path.exists() else [])]
-        films = [film(env_id, controller, chosen.seed, chosen.seconds) for controller in controllers]
+        played = [film(env_id, controller, chosen.seed, chosen.seconds) for controller in controllers]
+        films, (interval, *_) = zip(*played, strict=True)
         length = max(map(len, films))  # who ended early stands still
         films = [frames + [frames[-1]] * (length - len(frames)) for frames in films]
         rows = [np.concatenate(frames, axis=1) for frames in zip(*films, strict=True)]
-        interval = 0.1  # of the easy level [s]
         write_gif(chosen.out / f"{name}.gif", rows, 1.0 / interval)
         print(chosen.out / f"{name}.gif")
 

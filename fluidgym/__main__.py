@@ -360,6 +360,7 @@ def _features(chosen: argparse.Namespace) -> int:
     """What each feature adds to a step."""
     from fluidgym.benchmark import COST_HEAD, machine, measure_costs
     from fluidgym.solver import find_device
+    from fluidgym.validation.report import told
 
     try:
         _check_file("--json", chosen.json)
@@ -368,7 +369,7 @@ def _features(chosen: argparse.Namespace) -> int:
         return _refuse(str(error))
     facts = machine(device)
     keep = _keeper(chosen.json, facts)
-    print(", ".join(f"{name} {value}" for name, value in facts.items()), COST_HEAD, sep="\n", flush=True)
+    print(told(facts), COST_HEAD, sep="\n", flush=True)
     sizes = (chosen.dim,) if chosen.dim else (2, 3), chosen.worlds or [1], chosen.particles or [10000]
     for dim, worlds, particles in product(*sizes):
         try:
@@ -403,7 +404,7 @@ def _speed(chosen: argparse.Namespace) -> int:
     from fluidgym.solver import find_device
     from fluidgym.speed import draw, sections
     from fluidgym.stepping import processors
-    from fluidgym.validation.report import finite
+    from fluidgym.validation.report import finite, told
     from fluidgym.work_precision import check_plot
 
     try:
@@ -421,7 +422,7 @@ def _speed(chosen: argparse.Namespace) -> int:
     except ValueError as error:
         return _refuse(str(error))
     keep, rows = _keeper(chosen.json, facts), []
-    about = ", ".join(f"{name} {value}" for name, value in facts.items())
+    about = told(facts)
     dims = (chosen.dim,) if chosen.dim else (2, 3)
     print(about, flush=True)
     environments = {name: spec.kwargs for name, spec in registry.items() if name.startswith("fluidgym/")}
@@ -448,14 +449,14 @@ def _speed(chosen: argparse.Namespace) -> int:
 
 def _compare(chosen: argparse.Namespace) -> int:
     """Run time against error: a row of the table for each point, then how the curves compare, and a plot."""
-    from fluidgym.validation.report import write_json
+    from fluidgym.validation.report import told, write_json
     from fluidgym.work_precision import TABLE_HEAD, draw, objects
 
     try:
         comparison, facts = _comparison(chosen)
     except ValueError as error:
         return _refuse(str(error))
-    about = ", ".join(f"{name} {value}" for name, value in facts.items()) + f", median of {comparison.repeats}"
+    about = told(facts) + f", median of {comparison.repeats}"
     interrupted = False
 
     def keep() -> None:
@@ -548,7 +549,7 @@ def card(chosen: argparse.Namespace) -> int:
     from fluidgym.benchmark import machine
     from fluidgym.scheme import FIDELITIES
     from fluidgym.solver import find_device
-    from fluidgym.validation.report import write_json
+    from fluidgym.validation.report import told, write_json
 
     try:
         environments = _environments(chosen.ids)
@@ -560,7 +561,7 @@ def card(chosen: argparse.Namespace) -> int:
     except ValueError as error:
         return _refuse(str(error))
     facts, cards, interrupted = machine(device), [], False
-    print(", ".join(f"{name} {value}" for name, value in facts.items()), TABLE_HEAD, sep="\n", flush=True)
+    print(told(facts), TABLE_HEAD, sep="\n", flush=True)
     with tqdm(total=1.0, bar_format=BAR, leave=False, disable=None) as bar:
 
         def progress(label: str, duration: float) -> Any:
@@ -647,6 +648,22 @@ def _controller(name: str) -> Any:
     return name if name in BUILT_IN else Policy.load(Path(name))
 
 
+def _posed(name: str, policy: str, chosen: argparse.Namespace, mode: str | None = None) -> tuple[Any, Any]:
+    """An environment, and a controller that fits it.
+
+    Raises:
+        ValueError: There is none of such a name, or the controller does not fit.
+    """
+    from fluidgym.envs import FluidEnv
+
+    ((_, given),) = _environments([name]).items()
+    controller = _controller(policy)
+    env = FluidEnv(**given, difficulty=chosen.difficulty, device=chosen.device, render_mode=mode)
+    if not isinstance(controller, str):
+        controller.check(env.task)
+    return env, controller
+
+
 def _add_play(commands: argparse._SubParsersAction) -> None:
     parser = commands.add_parser(
         "play",
@@ -666,17 +683,13 @@ def _add_play(commands: argparse._SubParsersAction) -> None:
 
 def play(chosen: argparse.Namespace) -> int:
     """Play an episode."""
-    from fluidgym.envs import FluidEnv, evaluation
+    from fluidgym.envs import evaluation
     from fluidgym.render.film import write_gif, write_mp4
 
     try:
-        ((_, given),) = _environments([chosen.id]).items()
-        controller = _controller(chosen.policy)
         _check_file("--film", chosen.film)
         mode = "rgb_array" if chosen.film else "human"
-        env = FluidEnv(**given, difficulty=chosen.difficulty, device=chosen.device, render_mode=mode)
-        if not isinstance(controller, str):
-            controller.check(env.task)
+        env, controller = _posed(chosen.id, chosen.policy, chosen, mode)
         observation, _ = env.reset(seed=chosen.seed)
     except ValueError as error:
         return _refuse(str(error))
@@ -814,7 +827,6 @@ def _add_view(commands: argparse._SubParsersAction) -> None:
 
 def view(chosen: argparse.Namespace) -> int:
     """Serve the page until it is closed."""
-    from fluidgym.envs import FluidEnv
     from fluidgym.scene_file import load
     from fluidgym.viewer.flows import EnvFlow, SceneFlow
     from fluidgym.viewer.page import Page, import_viser
@@ -826,11 +838,7 @@ def view(chosen: argparse.Namespace) -> int:
                 raise ValueError(f"--policy {chosen.policy} is for environments; leave it out with a scene file")
             flow = SceneFlow(load(chosen.what), chosen.device, by_hand=False)
         else:
-            ((_, given),) = _environments([chosen.what]).items()
-            controller = _controller(chosen.policy or "scripted")
-            env = FluidEnv(**given, difficulty=chosen.difficulty, device=chosen.device)
-            if not isinstance(controller, str):
-                controller.check(env.task)
+            env, controller = _posed(chosen.what, chosen.policy or "scripted", chosen)
             flow = EnvFlow(env, controller, by_hand=chosen.policy is None)
         page = Page(flow, chosen.host, chosen.port, chosen.seed, chosen.stay)
     except ValueError as error:

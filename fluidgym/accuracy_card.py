@@ -27,7 +27,7 @@ import warp as wp
 from fluidgym.envs import Task
 from fluidgym.envs.fluid_env import FluidEnv
 from fluidgym.validation import CASES, Result, observed_order, run
-from fluidgym.validation.report import finite, known, markdown_table, write_page
+from fluidgym.validation.report import finite, known, markdown_table, told, write_page
 
 REPEATS = 3
 STEPS = 40  # of the environment in a repeat, unless its episode is shorter
@@ -296,10 +296,9 @@ def markdown(cards: Sequence[Card], facts: Mapping[str, str], command: str) -> s
         facts: What times belong to, by name.
         command: What makes the page anew.
     """
-    told = ", ".join(f"{name} {value}" for name, value in facts.items())
     today = date.today()
     day = f"{today.day} {today:%B %Y}"
-    text = [_INTRO.format(command=command, day=day, facts=told, repeats=REPEATS, steps=STEPS)]
+    text = [_INTRO.format(command=command, day=day, facts=told(facts), repeats=REPEATS, steps=STEPS)]
     for env_id in dict.fromkeys(card.env_id for card in cards):
         text.append("\n".join(_section(env_id, [card for card in cards if card.env_id == env_id])))
     return "\n".join(text)

@@ -444,12 +444,17 @@ class Scene:
             check_type(f"Scene.fluid[{index}]", body, Fluid, "a Fluid", "Fluid(shape)")
         return bodies
 
+    def lattice_count(self, fluid: Fluid) -> float:
+        """How many particles would fill the box about a body of fluid; there are no more of it at the start."""
+        low, high = fluid.shape.bounds()
+        return float(np.prod(np.maximum(high - low, 0.0) / self.particle_spacing))
+
     def _check_size(self) -> None:
         """Refuse a lattice that no memory would hold, before it is made."""
         for fluid in self.fluid:
             low, high = fluid.shape.bounds()
             if len(low) == len(high) == self.dim and np.isfinite([low, high]).all():
-                count = float(np.prod(np.maximum(high - low, 0.0) / self.particle_spacing))
+                count = self.lattice_count(fluid)
                 if count > MOST_PARTICLES:
                     coarse = self.particle_spacing * (count / MOST_PARTICLES) ** (1 / self.dim)
                     raise ValueError(

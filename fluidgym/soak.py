@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,10 @@ import numpy as np
 
 from fluidgym import snapshot
 from fluidgym.envs import FluidEnv, make_task
+from fluidgym.envs.fluid_task import FluidTask
 from fluidgym.envs.runner import Runner
+from fluidgym.scene import face_names
+from fluidgym.solver import Solver
 
 KINDS = ("walk", "bang", "hold", "beat", "noise", "search")
 ELITE = 16  # plans that the search goes on from
@@ -91,8 +94,12 @@ class Plans:
     def draw(self) -> tuple[str, np.ndarray]:
         """A kind, and a plan of it."""
         kinds = KINDS if self._elite else KINDS[:-1]
-        kind = kinds[self._rng.integers(len(kinds))]
-        return kind, getattr(self, f"_{kind}")().clip(-1.0, 1.0).astype(np.float32)
+        kind, plan = self._plan(kinds)
+        return kind, plan.clip(-1.0, 1.0).astype(np.float32)
+
+    def _plan(self, kinds: Sequence[str]) -> tuple[str, np.ndarray]:
+        kind = kinds[int(self._rng.integers(len(kinds)))]
+        return kind, getattr(self, f"_{kind}")()
 
     def learn(self, badness: float, plan: np.ndarray) -> None:
         """Remember a plan if it was among the worst."""
@@ -126,16 +133,12 @@ class Plans:
         way = self._rng.integers(3)
         if way == 0:  # another stretch of something else
             first, length = self._rng.integers(self._steps), self._rng.integers(1, 1 + self._steps // 2)
-            plan[first : first + length] = self.draw_simple()[first : first + length]
+            plan[first : first + length] = self._plan(KINDS[:-1])[1][first : first + length]
         elif way == 1:
             plan = plan + self._rng.uniform(0.05, 0.5) * self._rng.standard_normal(plan.shape)
         else:  # a little earlier or later
             plan = np.roll(plan, self._rng.integers(-5, 6), axis=0)
         return plan
-
-    def draw_simple(self) -> np.ndarray:
-        """A plan that does not go on from another."""
-        return getattr(self, f"_{KINDS[self._rng.integers(len(KINDS) - 1)]}")()
 
 
 def soak(
@@ -169,11 +172,12 @@ def soak(
         raise ValueError("soak wants seconds or steps; give one of them")
     rng = np.random.default_rng(seed)
     posed = make_task(task, **options)
+    assert isinstance(posed, FluidTask)
     runner = Runner(posed, worlds, device)
-    limit, interval = posed.max_episode_steps, posed.control_interval
-    plans = Plans(limit, int(np.prod(posed.action_space.shape)), interval, rng)
+    limit, acts = posed.max_episode_steps, len(posed.action_names())
+    plans = Plans(limit, acts, posed.control_interval, rng)
     report, begin = Report(task), time.monotonic()
-    kinds, drawn, seeds = [""] * worlds, np.zeros((worlds, limit, plans._actions), np.float32), np.zeros(worlds, int)
+    kinds, drawn, seeds = [""] * worlds, np.zeros((worlds, limit, acts), np.float32), np.zeros(worlds, int)
     at, bad = np.zeros(worlds, int), np.zeros(worlds)
 
     def start(mask: np.ndarray) -> None:
@@ -190,7 +194,7 @@ def soak(
         outcome = runner.step(runner.check_actions(actions, "actions", actions.shape))
         at += 1
         report.steps += worlds
-        fluid, broke = posed.fluid, outcome.terminated & outcome.info["diverged"]  # pyright: ignore
+        fluid, broke = posed.fluid, outcome.terminated & outcome.info["diverged"]
         bad = np.maximum(bad, np.where(broke, 1.0, np.nan_to_num(fluid["density_error"], nan=1.0)))
         sound = ~broke
         if sound.any():
@@ -198,7 +202,8 @@ def soak(
             report.speed = max(report.speed, float(fluid["speed"][sound].max()) / posed.scene.sound_speed)
         report.clamped = max(report.clamped, int(outcome.info["clamped"].max()))
         if report.steps // worlds % LOOK == 0:
-            _look(runner, sound, report)
+            missing, beyond = amiss(runner.solver, np.flatnonzero(sound))
+            report.mass_error, report.penetration = report.mass_error + missing, max(report.penetration, beyond)
         for world in np.flatnonzero(broke):
             reason = str(outcome.info["reason"][world])
             report.diverged += 1
@@ -218,24 +223,23 @@ def soak(
     return report
 
 
-def _look(runner: Runner, sound: np.ndarray, report: Report) -> None:
-    """Look for particles beyond walls, and for some that are nowhere or twice."""
-    solver = runner.solver
-    scene, dim = solver.scene, solver.scene.dim
+def amiss(solver: Solver, worlds: Iterable[int]) -> tuple[int, float]:
+    """How many particles of some worlds are missing or twice, and how far the farthest is beyond a wall [spacings]."""
+    scene, dim, missing, farthest = solver.scene, solver.scene.dim, 0, 0.0
     identity = solver.state.now.identity.numpy().reshape(solver.num_worlds, -1)
     position = solver.state.now.position.numpy().reshape(dim, solver.num_worlds, -1)
     walls = solver.state.faces.position.numpy()
-    for world in np.flatnonzero(sound):
-        report.mass_error += astray(identity[world], bool(scene.inflows))
+    for world in worlds:
+        missing += _astray(identity[world], bool(scene.inflows))
         live = identity[world] >= 0
-        for k in range(dim):
-            for side, name in enumerate(("min", "max")):
-                if scene.faces[f"{'xyz'[k]}_{name}"].kind == "wall" and live.any():
-                    beyond = (1 - 2 * side) * (walls[world, 2 * k + side] - position[k, world, live])
-                    report.penetration = max(report.penetration, float(beyond.max()) / scene.particle_spacing)
+        for face, name in enumerate(face_names(dim) if live.any() else ()):
+            if scene.faces[name].kind == "wall":
+                beyond = (1 - 2 * (face % 2)) * (walls[world, face] - position[face // 2, world, live])
+                farthest = max(farthest, float(beyond.max()) / scene.particle_spacing)
+    return missing, farthest
 
 
-def astray(identity: np.ndarray, renewed: bool) -> int:
+def _astray(identity: np.ndarray, renewed: bool) -> int:
     """Particles of a world that are twice, or neither there nor retired.
 
     Args:

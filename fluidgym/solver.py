@@ -88,13 +88,6 @@ def memory_of(device: wp.Device) -> int:
         return sys.maxsize
 
 
-def _most_particles(scene: Scene) -> int:
-    """More than there can be at the start: those that would fill the boxes about the bodies of fluid."""
-    sizes = (np.subtract(*reversed(fluid.shape.bounds())) / scene.particle_spacing + 1.0 for fluid in scene.fluid)
-    box = np.subtract(scene.upper, scene.lower) / scene.particle_spacing + 1.0
-    return int(sum(float(np.prod(np.minimum(size, box))) for size in sizes))
-
-
 def _quieten_warp() -> None:
     """Keep Warp's banner and its notes on modules loaded from the terminal, unless the user chose a log level."""
     if wp.config.log_level == wp.LOG_INFO:
@@ -184,7 +177,7 @@ class Solver:
         self.device = find_device(device)
         half = self.device.is_cpu and not plain_loops
         self._flags = {"forces": report_forces, "plain": plain_loops, "half": half}
-        self._check_room(_most_particles(scene))
+        self._check_room(int(sum(map(scene.lattice_count, scene.fluid))))
         start = scene.sample()
         self.capacity = max(len(start) + (scene.reserve or 0), 1)
         self._check_room(num_worlds * self.capacity)

@@ -19,9 +19,10 @@ import numpy as np
 from fluidgym.diagnostics import elastic_energy, front, kinetic_energy, potential_energy, rms_speed
 from fluidgym.envs import TASKS
 from fluidgym.scene import OPEN, Body, Box, Face, Fluid, Inflow, Material, Particles, Scene, face_names
-from fluidgym.soak import Report, astray, soak
+from fluidgym.soak import Report, amiss, soak
 from fluidgym.solver import Solver
 from fluidgym.validation import dam_break, taylor_green
+from fluidgym.validation.report import markdown_table, told
 
 G, RHO = 9.81, 1000.0
 
@@ -93,17 +94,11 @@ class Sound:
 
     def look(self, solver: Solver, world: int = 0) -> Particles:
         """The particles of a world, looked at."""
-        water, scene = solver.particles(world), solver.scene
+        water = solver.particles(world)
         numbers = (water.position, water.velocity, water.density, water.pressure)
         self.broken += int(sum((~np.isfinite(array)).sum() for array in numbers))
-        saved = solver.save_world(world)
-        self.missing += astray(saved["identity"], bool(scene.inflows))
-        walls = saved["face_position"].reshape(-1, 2).T
-        for side, name in enumerate(("min", "max")):
-            for k in range(scene.dim):
-                if scene.faces[f"{'xyz'[k]}_{name}"].kind == "wall" and len(water):
-                    beyond = (1 - 2 * side) * (walls[side, k] - water.position[:, k])
-                    self.beyond = max(self.beyond, float(beyond.max()) / scene.particle_spacing)
+        missing, beyond = amiss(solver, [world])
+        self.missing, self.beyond = self.missing + missing, max(self.beyond, beyond)
         return water
 
     def findings(self) -> list[Finding]:
@@ -516,29 +511,43 @@ class Found:
 
 def markdown(found: Found, machine: Mapping[str, Any], command: str) -> str:
     """A page of what was found."""
-    lines = ["# What it stands", "", f"Made by `{command}`.", "", _said(machine), ""]
+    text = [f"# What it stands\n\nMade by `{command}`.\n\n{told(machine)}.\n"]
     if found.rows:
-        lines += ["| | stress | found (mark) | | time |", "| --- | --- | --- | --- | --- |"]
-    for stress, findings, seconds in found.rows:
-        held = "held" if all(finding.passed for finding in findings) else "**missed**"
-        lines.append(
-            f"| {stress.number} | {stress.title} | {'; '.join(map(str, findings))} | {held} | {seconds:.0f} s |"
-        )
+        rows = [
+            (
+                f"{stress.number}",
+                stress.title,
+                "; ".join(map(str, findings)),
+                "held" if all(finding.passed for finding in findings) else "**missed**",
+                f"{seconds:.0f} s",
+            )
+            for stress, findings, seconds in found.rows
+        ]
+        text += markdown_table(("", "stress", "found (mark)", "", "time"), rows)
     if found.soaked:
-        lines += ["", "Each task driven by the worst actions, a particle looked at every tenth step:", ""]
-        lines.append(
-            "| environment | steps | diverged, per million | largest density error, but for those | largest speed over"
-            " that of sound | put right at walls in a step, at most | beyond a wall, spacings | missing or twice |"
+        head = (
+            "environment",
+            "steps",
+            "diverged, per million",
+            "largest density error, but for those",
+            "largest speed over that of sound",
+            "put right at walls in a step, at most",
+            "beyond a wall, spacings",
+            "missing or twice",
         )
-        lines.append("| --- | --- | --- | --- | --- | --- | --- | --- |")
-    for env_id, report in found.soaked.items():
-        lines.append(
-            f"| `{env_id.rpartition('/')[2]}` | {report.steps} | {report.diverged}, {report.per_million:.0f} |"
-            f" {report.density_error:.2f} | {report.speed:.2f} | {report.clamped} | {report.penetration:.2g} |"
-            f" {report.mass_error} |"
-        )
-    return "\n".join(lines) + "\n"
-
-
-def _said(machine: Mapping[str, Any]) -> str:
-    return ", ".join(f"{name} {value}" for name, value in machine.items()) + "."
+        rows = [
+            (
+                f"`{env_id.rpartition('/')[2]}`",
+                f"{report.steps}",
+                f"{report.diverged}, {report.per_million:.0f}",
+                f"{report.density_error:.2f}",
+                f"{report.speed:.2f}",
+                f"{report.clamped}",
+                f"{report.penetration:.2g}",
+                f"{report.mass_error}",
+            )
+            for env_id, report in found.soaked.items()
+        ]
+        text += ["\nEach task driven by the worst actions, a particle looked at every tenth step:\n"]
+        text += markdown_table(head, rows)
+    return "\n".join(text) + "\n"

@@ -37,6 +37,7 @@ def make_and_close(times):
         env.close()
 
 
+# Every Linux has it, and no other system is supported: it runs wherever these tests are meant to.
 needs_proc = pytest.mark.skipif(not os.path.exists("/proc/self/statm"), reason="memory is read from /proc")
 
 

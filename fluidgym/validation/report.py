@@ -104,6 +104,11 @@ standard deviation of one.
 """
 
 
+def told(facts: Mapping[str, Any]) -> str:
+    """Facts, such as those of a machine, in a line."""
+    return ", ".join(f"{name} {value}" for name, value in facts.items())
+
+
 def markdown(
     objects: Sequence[Mapping[str, Any]],
     cases: Mapping[str, Case],
@@ -121,8 +126,7 @@ def markdown(
         left_out: Runs that would have taken too long.
     """
     today = date.today()
-    told = ", ".join(f"{name} {value}" for name, value in facts.items())
-    text = [_INTRO.format(command=command, day=f"{today.day} {today:%B %Y}", facts=told)]
+    text = [_INTRO.format(command=command, day=f"{today.day} {today:%B %Y}", facts=told(facts))]
     text += [f"Left out, for they would take longer than the limit: {', '.join(left_out)}.\n"] if left_out else []
     for name, runs in groupby(objects, lambda run: run["case"]):
         runs = list(runs)

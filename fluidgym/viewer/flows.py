@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -85,12 +84,13 @@ class Flow(ABC):
         particles, scene = self.solver.particles(), self.solver.scene
         unit = "kg" if scene.dim == 3 else "kg/m"
         energy = "J" if scene.dim == 3 else "J/m"
-        return {
+        found = {
             "time": f"{float(self.solver.time[0]):.2f} s",
             "particles": f"{len(particles)}",
             "mass": f"{mass(particles, scene):.4g} {unit}",
             "kinetic energy": f"{kinetic_energy(particles, scene):.3g} {energy}",
         }
+        return found if np.isfinite(particles.position).all() else found | {"diverged": "not finite"}
 
 
 class EnvFlow(Flow):
@@ -151,7 +151,7 @@ class EnvFlow(Flow):
 
     def readouts(self) -> dict[str, str]:
         """What is worth knowing, and how well it goes."""
-        parts = {name: f"{value:.3f}" for name, value in self._task.parts().items() for value in value[:1]}
+        parts = {name: f"{values[0]:.3f}" for name, values in self._task.parts().items()}
         found = super().readouts() | {"reward": f"{self._reward:.3f}", "return": f"{self._return:.2f}", **parts}
         if self._info["diverged"]:
             found["diverged"] = str(self._info["reason"])
@@ -233,7 +233,4 @@ class SceneFlow(Flow):
 
     def readouts(self) -> dict[str, str]:
         """What is worth knowing."""
-        found = super().readouts()
-        if not all(math.isfinite(value) for value in self.solver.particles().position.ravel()[:1]):
-            found["diverged"] = "not finite"
-        return found | ({"scene": "over; drive by hand, or reset"} if self.ended else {})
+        return super().readouts() | ({"scene": "over; drive by hand, or reset"} if self.ended else {})
