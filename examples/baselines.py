@@ -4,17 +4,17 @@ For each task one that does nothing, the scripted one, and PPO (examples/ppo.py)
 scored on the held-out seeds of the test band. Leaves docs/baselines.json, the learning curves, the table in
 docs/tasks.md, and the best policy of each task by the validation band in examples/policies/. Tasks that are not named
 keep what they have. Wants PyTorch and matplotlib (pip install "fluidgym-sph[plot,ppo]"). --jobs runs go on at a time, a
-thread each; with as many as there are cores, all tasks take an hour and a half on two.
+thread each; with as many as there are cores, all tasks take two hours and a half on two. Runs that are done are kept in
+--runs, so that after an interruption the same command goes on; empty that folder after a change of the tasks.
 """
 
 import argparse
-import contextlib
 import json
 import math
 import os
 import time
-from collections.abc import Callable
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -27,6 +27,7 @@ from tqdm import tqdm
 
 from fluidgym.envs import FluidEnv, FluidVectorEnv
 from fluidgym.envs.evaluation import TEST, VALIDATION, evaluate
+from fluidgym.envs.policy import Policy
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
@@ -69,24 +70,28 @@ def rates(env_id: str, chosen: argparse.Namespace, steps: int = 20) -> dict[str,
     return found
 
 
-def learn(env_id: str, seed: int, chosen: argparse.Namespace) -> dict:
-    """Train a controller and score it."""
+def learn(env_id: str, seed: int, chosen: argparse.Namespace) -> Policy:
+    """Train a controller and score it, or read what an earlier call left; the run is told in its `about`."""
     options = task_options(env_id, chosen)
+    budget = f"{chosen.difficulty}-{chosen.worlds}x{chosen.steps}-{chosen.minutes:g}min"
+    path = chosen.runs / f"{env_id.rpartition('/')[2]}-{budget}-{seed}.npz"
+    if path.exists():
+        return Policy.load(path)
     threads = 1 if chosen.jobs > 1 else None
     begin = time.monotonic()
     policy, curve = train(
         env_id, chosen.difficulty, chosen.worlds, chosen.steps, chosen.minutes, seed, chosen.device, None, threads
     )
-    return {
-        "policy": policy,
-        "curve": thinned(curve),
-        "minutes": (time.monotonic() - begin) / 60.0,
-        "validated": evaluate(policy, episodes=chosen.episodes, seeds=VALIDATION, **options).mean,
-        "tested": evaluate(policy, episodes=chosen.episodes, seeds=TEST, **options).mean,
-    }
+    run = {"minutes": (time.monotonic() - begin) / 60.0, "curve": thinned(curve)}
+    for name, band in (("validated", VALIDATION), ("tested", TEST)):
+        run[name] = evaluate(policy, episodes=chosen.episodes, seeds=band, **options).mean
+    policy = replace(policy, about={**policy.about, "run": run})
+    chosen.runs.mkdir(parents=True, exist_ok=True)
+    policy.save(path)
+    return policy
 
 
-def measure(env_id: str, speeds: dict[str, float], runs: list[dict], chosen: argparse.Namespace) -> dict:
+def measure(env_id: str, speeds: dict[str, float], policies: list[Policy], chosen: argparse.Namespace) -> dict:
     """Score a task's controllers, those of PPO among them; the best by the validation band is kept in a file."""
     options = task_options(env_id, chosen)
     env = FluidEnv(**options)
@@ -98,43 +103,24 @@ def measure(env_id: str, speeds: dict[str, float], runs: list[dict], chosen: arg
     for name in ("null", "scripted"):
         score = evaluate(name, episodes=chosen.episodes, seeds=TEST, **options)
         row[name] = {"mean": score.mean, "margin": score.margin, "parts": score.parts}
+    runs = [policy.about["run"] for policy in policies]
     row["curves"] = [run["curve"] for run in runs]
     scores = [run["tested"] for run in runs]
     mean, margin = interval(scores)
-    best = max(runs, key=lambda run: run["validated"])["policy"]
+    best = max(policies, key=lambda policy: policy.about["run"]["validated"])
+    best = replace(best, about={name: value for name, value in best.about.items() if name != "run"})
     row["ppo"] = {
         "mean": mean,
         "margin": margin,
         "scores": scores,
         "minutes": [run["minutes"] for run in runs],
-        "steps": [run["policy"].about["steps"] for run in runs],
+        "steps": [policy.about["steps"] for policy in policies],
         "twice the resolution": evaluate(best, episodes=chosen.episodes, seeds=TEST, **finer).mean,
     }
     row["scripted"]["twice the resolution"] = evaluate("scripted", episodes=chosen.episodes, seeds=TEST, **finer).mean
     chosen.policies.mkdir(exist_ok=True)
     best.save(chosen.policies / f"{env_id.rpartition('/')[2]}.npz")
     return row
-
-
-@contextlib.contextmanager
-def workers(jobs: int):
-    """Gives a function that begins a call: at once, or in a process of its own; what it gives back has a `result`."""
-    if jobs == 1:
-        yield _Now
-        return
-    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
-        yield pool.submit
-
-
-class _Now:
-    """A call whose result is asked for later, made then."""
-
-    def __init__(self, function: Callable, *arguments):
-        self._call = function, arguments
-
-    def result(self):
-        function, arguments = self._call
-        return function(*arguments)
 
 
 def thinned(curve: list[tuple[int, float]], points: int = 60) -> list[list[float]]:
@@ -211,7 +197,7 @@ def main() -> None:
     parser.add_argument("--difficulty", default="easy", help="easy, medium or hard (default: easy)")
     parser.add_argument("--seeds", type=int, default=3, help="runs of each (default: 3)")
     parser.add_argument("--worlds", type=int, default=32, help="(default: 32)")
-    parser.add_argument("--steps", type=int, default=120_000, help="of a run at most (default: 120000)")
+    parser.add_argument("--steps", type=int, default=400_000, help="of a run at most (default: 400000)")
     parser.add_argument("--minutes", type=float, default=10.0, help="of a run at most (default: 10)")
     parser.add_argument(
         "--jobs", type=int, default=os.cpu_count() or 1, help="runs at a time (default: as many as cores)"
@@ -220,6 +206,12 @@ def main() -> None:
     parser.add_argument("--device", default=None, help="of the fluid (default: a GPU where there is one)")
     parser.add_argument("--docs", type=Path, default=HERE.parent / "docs", help="folder (default: docs)")
     parser.add_argument("--policies", type=Path, default=HERE / "policies", help="folder (default: examples/policies)")
+    parser.add_argument(
+        "--runs",
+        type=Path,
+        default=Path("outputs/baselines"),
+        help="folder of finished runs (default: outputs/baselines)",
+    )
     parser.add_argument("--picture", action="store_true", help="draw a moment of each task, and nothing else")
     chosen = parser.parse_args()
     if chosen.picture:
@@ -231,21 +223,24 @@ def main() -> None:
     ids = chosen.ids or every
     chosen.docs.mkdir(exist_ok=True)
     speeds = {env_id: rates(env_id, chosen) for env_id in ids}  # while nothing else goes on
-    with workers(chosen.jobs) as begin:
-        begun: dict[str, list[Future | _Now]] = {
-            env_id: [begin(learn, env_id, seed, chosen) for seed in range(chosen.seeds)] for env_id in ids
-        }
-        for env_id in tqdm(ids, unit="task", disable=None):
-            rows[env_id] = measure(env_id, speeds[env_id], [run.result() for run in begun[env_id]], chosen)
-            rows = {name: rows[name] for name in gym.registry if name in rows}
-            kept.write_text(json.dumps(rows))
-            draw(rows, chosen.docs / "learning_curves.png")
-            page = chosen.docs / "tasks.md"
-            if page.exists():
-                before, _, rest = page.read_text().partition(TABLE)
-                _, _, after = rest.partition(TABLE)
-                page.write_text(f"{before}{TABLE}\n\n{table(rows)}\n\n{TABLE}{after}")
-            print(table({env_id: rows[env_id]}), flush=True)
+    runs = [(env_id, seed) for seed in range(chosen.seeds) for env_id in ids]
+    with ProcessPoolExecutor(chosen.jobs, get_context("spawn")) as pool:
+        begun = {run: pool.submit(learn, *run, chosen) for run in runs}
+        for run in tqdm(runs, unit="run", disable=None):
+            about = begun[run].result().about
+            print(f"{run[0]}, seed {run[1]}: {about['run']['tested']:.1f} after {about['steps']} steps", flush=True)
+    for env_id in tqdm(ids, unit="task", disable=None):
+        policies = [begun[env_id, seed].result() for seed in range(chosen.seeds)]
+        rows[env_id] = measure(env_id, speeds[env_id], policies, chosen)
+        rows = {name: rows[name] for name in gym.registry if name in rows}
+        kept.write_text(json.dumps(rows))
+        draw(rows, chosen.docs / "learning_curves.png")
+        page = chosen.docs / "tasks.md"
+        if page.exists():
+            before, _, rest = page.read_text().partition(TABLE)
+            _, _, after = rest.partition(TABLE)
+            page.write_text(f"{before}{TABLE}\n\n{table(rows)}\n\n{TABLE}{after}")
+        print(table({env_id: rows[env_id]}), flush=True)
 
 
 if __name__ == "__main__":

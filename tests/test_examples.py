@@ -16,7 +16,7 @@ RUNS = {
     "dam_break.py": ["--device", "cpu", "--resolution", "24", "--seconds", "0.8"],
     "baselines.py": [
         *("fluidgym/SpreadEven2D-v0", "--seeds", "2", "--worlds", "8", "--steps", "1100", "--episodes", "2"),
-        *("--docs", ".", "--policies", "policies", "--device", "cpu"),
+        *("--docs", ".", "--policies", "policies", "--runs", "runs", "--device", "cpu"),
     ],
     "cross_entropy.py": ["fluidgym/SpreadEven2D-v0", "--worlds", "8", "--rounds", "2", "--episodes", "2"],
     "gallery.py": ["fluidgym/SpreadEven2D-v0", "--seconds", "0.5", "--out", "gallery"],
