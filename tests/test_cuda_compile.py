@@ -23,6 +23,7 @@ ARCHITECTURES = [80, 90]
 def build():
     """Build all that has kernels: solvers of every structure that matters, and the environments."""
     import gymnasium
+    import warp as wp
 
     import fluidgym
     from fluidgym import solver
@@ -47,6 +48,8 @@ def build():
     from fluidgym.sph.state_equation import TAIT
     from fluidgym.sph.wall_models import ClampWalls, FrozenWalls
 
+    # Kernels are to come to life; what they would do, and native code for it, is not wanted.
+    wp.launch = lambda *rest, **named: None
     # As a GPU has them: threads of a GPU do not come one after another, so a pair is met twice.
     make_structure = solver.make_structure
     solver.make_structure = lambda *rest, **flags: make_structure(*rest, **flags | {"half": False})

@@ -10,15 +10,11 @@ from fluidgym.envs import FluidVectorEnv
 from fluidgym.scene import Box, Fluid, Scene
 from fluidgym.soak import KINDS, Plans, replay, soak
 from fluidgym.solver import Solver
-from fluidgym.stress import STRESSES, Finding, Sound
+from fluidgym.stress import MISSES, STRESSES, Finding, Sound
 
 G = 9.81
 
-# What is known to miss its mark: it is run all the same, and strict, so that the test fails once the mark is kept.
-MISSES = {
-    2: "the diffusion of density lets the surface of still water rise by a twentieth of a spacing, and then no more",
-    3: "particles of a rotating patch clump: there is no shifting at a free surface",
-}
+# What is known to miss its mark is run all the same, and strictly: the test fails once the mark is kept.
 each_stress = pytest.mark.parametrize(
     "stress",
     [

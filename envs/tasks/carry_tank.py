@@ -26,7 +26,7 @@ PERIOD = 2.0 * math.pi / math.sqrt(GRAVITY * math.pi / LENGTH * math.tanh(math.p
 class CarryTank(FluidTask):
     """An open tank, two thirds full of water, stands at A; it is to go to B and stand there with its water at rest.
 
-    Action (1,), in 3D (2,) along x and y: velocity or acceleration of the tank as a share of the largest. The tank
+    Action (1,), in 3D (2,) along x and y: acceleration or velocity of the tank as a share of the largest. The tank
     feels its acceleration as a body force, so the world is seen from the tank.
 
     Observation: the fluid on a coarse grid; for each horizontal axis the way that is left (-1 to 1 over 3 m) and the
@@ -60,11 +60,14 @@ class CarryTank(FluidTask):
     gain = "arrival"
     costs: ClassVar = {"spill": 1.0, "unrest": 1.0, "effort": 0.05}
 
-    def __init__(self, command: str = "velocity", max_speed: float = 1.5, max_acceleration: float = 4.0, **common: Any):
+    def __init__(
+        self, command: str = "acceleration", max_speed: float = 1.5, max_acceleration: float = 4.0, **common: Any
+    ):
         """Pose the task.
 
         Args:
-            command: "velocity" or "acceleration".
+            command: "acceleration" or "velocity"; where a velocity may change by a small part of its range between
+                commands, what explores jerks, and learns slowly.
             max_speed: Of the tank along each axis [m/s].
             max_acceleration: Of the tank along each axis [m/s2].
             common: As every task has them; see `FluidTask`.
