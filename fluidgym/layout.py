@@ -154,7 +154,7 @@ class Parameters:
             "density_unit": 1.0 / lattice_sum(h / dx, dim) if scheme.preset == "mueller" else 1.0,
             "thermal_diffusivity": p["thermal_diffusivity"] / unit,
             "central_force": p["central_force"],
-            "shifting": scheme.shifting * scene.speed_scale * h,
+            "shifting": (scheme.shifting if scene.is_full else scheme.surface_shifting) * scene.speed_scale * h,
             "level": LEVEL * (scene.speed_scale / c_0) ** 2,
             "wall_stiffness": p["wall_stiffness"] * (c_0 / h) ** 2,
             "wall_margin": p["wall_margin"] * dx,
@@ -236,6 +236,7 @@ def make_structure(
         central=bool(p["central_force"].any()),
     )
     bodies = list(scene.bodies.values())
+    surface = not scene.is_full
     return Structure(
         dim=dim,
         kinds=tuple(_kind(face, wall) for face in faces),
@@ -262,7 +263,8 @@ def make_structure(
         round_pipes=tuple(dim == 3 and inflow.height is None for inflow in scene.inflows.values()),
         drains=len(scene.outflows),
         heat=heat,
-        shift=shift_term(scheme.kernel_in(dim)) if _is_shifted(scene, scheme) else None,
+        shift=shift_term(scheme.kernel_in(dim), dim, surface) if _is_shifted(scene, scheme) else None,
+        surface=surface and _is_shifted(scene, scheme),
         forces=forces,
         plain=plain,
         half=half,
@@ -270,9 +272,10 @@ def make_structure(
 
 
 def _is_shifted(scene: Scene, scheme: Scheme) -> bool:
-    """Whether particles are shifted: in a full box, whose walls all show images, where density is advanced."""
+    """Whether particles are shifted: where walls all show images, and density is advanced."""
     summed = any(isinstance(term, DensitySum) for term in scheme.density_terms())
-    return scheme.shifting > 0.0 and scene.is_full and isinstance(scheme.walls, MirrorWalls) and not summed
+    much = scheme.shifting if scene.is_full else scheme.surface_shifting
+    return much > 0.0 and isinstance(scheme.walls, MirrorWalls) and not summed
 
 
 def _kind(face: Face, wall: str) -> str:

@@ -27,6 +27,7 @@ LIMITS = {
     "artificial_viscosity": (0.0, 1.0, "0.0003 to 0.01"),
     "acoustic_damping": (0.0, 2.0, "0.7"),
     "shifting": (0.0, 4.0, "2.0"),
+    "surface_shifting": (0.0, 8.0, "4.0"),
     "core": (0.0, 4.0, "1.0"),
     "sound_speed_ratio": (LEAST_MACH_MARGIN, 1000.0, "10"),
     "courant": (1e-6, 2.0, "1.0"),
@@ -55,8 +56,11 @@ class Scheme:
         acoustic_damping: b of a pressure b rho_0 c_0 h div u that opposes compression and so damps sound (Sun et al.
             2023); 0 leaves it out. Not of mueller.
         shifting: A of the particle shifting (shifting.py), which keeps particles from disorder in scenes that are and
-            stay full of fluid (Scene.is_full) between mirror-image walls and periodic faces; elsewhere it would inflate
-            the fluid and is left out. 0 leaves it out everywhere. Not of mueller.
+            stay full of fluid (Scene.is_full) between mirror-image walls and periodic faces; 0 leaves it out. Not of
+            mueller.
+        surface_shifting: A of the shifting of all other fluid between such walls, where what is near a surface is only
+            kept from clumping: for fluid that flies, spins or is torn; not for what lies under gravity, whose surface
+            it lifts (shifting.py). 0 leaves it out. Not of mueller.
         core: How much steeper than the kernel the slope W' is where a pair comes close, at r = 0 and over the kernel's
             own (smoothing.with_core); it keeps particles from merging where they have few neighbours. None is 1 in 2D,
             and 0 in 3D, whose narrower kernel needs none; 0 leaves it out. Not of mueller.
@@ -84,6 +88,7 @@ class Scheme:
     artificial_viscosity: float = 0.0003
     acoustic_damping: float = 0.7
     shifting: float = 2.0
+    surface_shifting: float = 0.0
     core: float | None = None
     viscosity: Force | Drag | None = None
     integrator: Integrator | None = None

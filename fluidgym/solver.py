@@ -254,7 +254,7 @@ class Solver:
             rows=self._nozzles.row_inflow.shape[0] if scene.inflows else 0,
             heat=structure.heat,
             forces=structure.forces,
-            shifted=structure.shifted,
+            leveled=structure.leveled,
             spans=span_numbers(dim) if structure.half else 0,
         )
         self.state.set_widths(structure.middle_width, structure.end_width)
@@ -721,7 +721,7 @@ class Solver:
             raise RuntimeError("Solver.face_force and body_force are not added up; make the Solver(report_forces=True)")
         unit = np.broadcast_to(self._numbers["force_unit"], (self.num_worlds,))[:, None, None]
         mean = -self.scene.particle_mass / max(self._force_steps, 1) * self.state.forces.numpy() / unit
-        return mean - self._level_forces() if self._structure.shifted else mean
+        return mean - self._level_forces() if self._structure.leveled else mean
 
     def _level_forces(self) -> np.ndarray:
         """Force on each face of the pressure that shifting adds [N], (world, face, dim); none on periodic ones."""

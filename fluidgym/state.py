@@ -238,7 +238,7 @@ class State:
         rows: int = 0,
         heat: bool = False,
         forces: bool = False,
-        shifted: bool = False,
+        leveled: bool = False,
         spans: int = 0,
     ):
         """Allocate.
@@ -252,7 +252,7 @@ class State:
             rows: Rows of the nozzles of a world.
             heat: Whether temperatures are kept.
             forces: Whether forces are added up.
-            shifted: Whether particles are shifted.
+            leveled: Whether particles are shifted in full boxes.
             spans: Numbers to keep of where each particle meets others, if pairs are met once; else 0.
         """
         self.dim, self.num_worlds, self.capacity, self.device = dim, num_worlds, capacity, device
@@ -275,7 +275,7 @@ class State:
         self.ledger.phase = wp.zeros((worlds_with_rows, rows), dtype=float, device=device)
         shape = (num_worlds, 2 * dim + len(half), dim) if forces else (0, 0, 0)
         self.forces = wp.zeros(shape, dtype=wp.int64, device=device)
-        self.gain = wp.zeros(num_worlds if shifted else 0, dtype=wp.int64, device=device)
+        self.gain = wp.zeros(num_worlds if leveled else 0, dtype=wp.int64, device=device)
         self.clamped = wp.zeros(num_worlds, dtype=int, device=device)
         self.sums = make_records(self.places if spans else 0, SUMS, device)
         self.spans = wp.zeros(spans * slots, dtype=int, device=device)

@@ -235,21 +235,23 @@ class Group:
         )
 
     def _shift(self) -> None:
-        """Shift the particles, and hold the mean of the density errors."""
+        """Shift the particles, and hold the mean of the density errors where the box is full."""
         plan, state, now = self.plan, self.state, self.state.now
-        state.gain.zero_()
-        wp.launch(
-            add_up_gain,
-            dim=(state.num_worlds, -(-state.capacity // CHUNK)),
-            inputs=[state.capacity, state.density_error, now.density_error, now.identity],
-            outputs=[state.gain],
-            device=state.device,
-        )
+        if plan.structure.leveled:
+            state.gain.zero_()
+            wp.launch(
+                add_up_gain,
+                dim=(state.num_worlds, -(-state.capacity // CHUNK)),
+                inputs=[state.capacity, state.density_error, now.density_error, now.identity],
+                outputs=[state.gain],
+                device=state.device,
+            )
         wp.launch(
             plan.kernels.shift,
             dim=state.num_worlds * state.capacity,
             inputs=[
-                *(state.capacity, self.constants, plan.grid, self.bounds, state.faces),
+                *(state.capacity, self.constants, plan.grid, self.bounds),
+                *(state.faces, state.bodies, self.nozzles, self.drains),
                 *(state.end, now.identity, state.gain),
             ],
             outputs=[now.density_error, now.position, state.sums, state.spans],

@@ -96,6 +96,7 @@ def build():
         filled.gravity = 0.0
         filled.set_parameters(sound_speed=2.0 * filled.parameter("sound_speed"))
         filled.step()
+        Solver(full, Scheme(surface_shifting=1.0), device="cpu")
         if dim == 2:
             Solver(full, device="cpu", plain_loops=True)
         Solver(bare, Scheme(walls=FrozenWalls(), integrator=EXPLICIT_EULER), device="cpu")

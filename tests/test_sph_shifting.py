@@ -9,11 +9,25 @@ import numpy as np
 import pytest
 
 from fluidgym.diagnostics import measure, pressure_at
-from fluidgym.scene import NO_SLIP_WALL, OPEN, PERIODIC, Body, Box, Face, Fluid, Inflow, Material, Outflow, Scene
+from fluidgym.scene import (
+    NO_SLIP_WALL,
+    OPEN,
+    PERIODIC,
+    Ball,
+    Body,
+    Box,
+    Face,
+    Fluid,
+    Inflow,
+    Material,
+    Outflow,
+    Scene,
+    face_names,
+)
 from fluidgym.scheme import MUELLER, Scheme
 from fluidgym.solver import Solver
 from fluidgym.sph.mueller import POLY6_SUMMATION
-from fluidgym.sph.shifting import LONGEST
+from fluidgym.sph.shifting import INSIDE, LONGEST, SPRAY
 from fluidgym.sph.wall_models import ClampWalls, FrozenWalls, PenaltyWalls
 
 DX = 0.0625
@@ -50,9 +64,9 @@ def stirred(dim=2, **changes):
 # -- the sum ---------------------------------------------------------------------------------------------------------
 
 
-def one_step(scene, dt_share, shift, plain=False):
+def one_step(scene, dt_share, shift, plain=False, scheme=SCHEME):
     """Positions at the end of one step with or without the shift, (n, dim), the solver, and the step [s]."""
-    solver = Solver(scene, SCHEME, device="cpu", plain_loops=plain)
+    solver = Solver(scene, scheme, device="cpu", plain_loops=plain)
     if not shift:
         solver._kernels = SimpleNamespace(**(vars(solver._kernels) | {"shift": None}))
     dt = dt_share * solver.max_step
@@ -62,40 +76,71 @@ def one_step(scene, dt_share, shift, plain=False):
     return saved["position"][:, : solver.capacity].T[order].astype(float), solver, dt
 
 
-def expected_shift(scene, x, dt):
-    """The formula, over all pairs of particles and images of the faces, in double precision."""
-    dim, h = scene.dim, 1.5 * scene.particle_spacing
-    sigma = {2: 9 / (4 * math.pi), 3: 21 / (16 * math.pi)}[dim] / h**dim
+def kernel(r, scene):
+    """W and W'(r)/r at the h of SCHEME."""
+    h = 1.5 * scene.particle_spacing
+    sigma = {2: 9 / (4 * math.pi), 3: 21 / (16 * math.pi)}[scene.dim] / h**scene.dim
+    q = np.minimum(r / h, 2.0)
+    t = 1 - q / 2
+    if scene.dim == 2:
+        return sigma * t**6 * (35 / 12 * q**2 + 3 * q + 1), -sigma / h**2 * t**5 * (14 / 3 + 35 / 3 * q)
+    return sigma * t**4 * (1 + 2 * q), -5 * sigma / h**2 * t**3
 
-    def kernel(r):
-        q = np.minimum(r / h, 2.0)
-        t = 1 - q / 2
-        if dim == 2:
-            return sigma * t**6 * (35 / 12 * q**2 + 3 * q + 1), -sigma / h**2 * t**5 * (14 / 3 + 35 / 3 * q)
-        return sigma * t**4 * (1 + 2 * q), -5 * sigma / h**2 * t**3
 
-    total = np.zeros_like(x)
-    for choice in itertools.product((None, 0, 1), repeat=dim):
+def with_images(scene, x):
+    """The particles, and their images in the faces, (image, particle, dim)."""
+    images = []
+    for choice in itertools.product((None, 0, 1), repeat=scene.dim):
         image = x.copy()
         for k, side in enumerate(choice):
             if side is None:
                 continue
             ends = scene.lower[k], scene.upper[k]
-            if scene.faces["xyz"[k] + "_min"].kind == "periodic":
+            kind = scene.faces["xyz"[k] + ("_min", "_max")[side]].kind
+            if kind == "periodic":
                 image[:, k] += (1 - 2 * side) * (ends[0] - ends[1])
+            elif kind == "open":
+                image[:] = np.inf
             else:
                 image[:, k] = 2 * ends[side] - image[:, k]
+        if np.isfinite(image).all():
+            images.append(image)
+    return np.array(images)
+
+
+def crowds(scene, x):
+    """How crowded each particle is, over a lattice, (n,)."""
+    total = np.zeros(len(x))
+    for n, image in enumerate(with_images(scene, x)):
+        slope = kernel(np.linalg.norm(x[:, None] - image[None], axis=2), scene)[1]
+        total += (slope * (1 - np.eye(len(x)) * (n == 0))).sum(axis=1)
+    steps = np.stack(np.meshgrid(*[np.arange(-4, 5)] * scene.dim), axis=-1).reshape(-1, scene.dim)
+    far = np.linalg.norm(steps, axis=1)
+    return total / kernel(scene.particle_spacing * far[far > 0], scene)[1].sum()
+
+
+def expected_shift(scene, x, dt, crowd=None):
+    """The formula, over all pairs of particles and images, in double precision; with a surface, crowds (n,)."""
+    dim, h = scene.dim, 1.5 * scene.particle_spacing
+    total = np.zeros_like(x)
+    for image in with_images(scene, x):
         d = x[:, None] - image[None]
-        w, slope = kernel(np.linalg.norm(d, axis=2))
-        weight = (1 + 0.2 * (w / kernel(np.array(scene.particle_spacing))[0]) ** 4) * slope
-        total += (weight[..., None] * d).sum(axis=1)
+        w, slope = kernel(np.linalg.norm(d, axis=2), scene)
+        close = (w / kernel(np.array(scene.particle_spacing), scene)[0]) ** 4
+        share = 1 + 0.2 * close
+        if crowd is not None:
+            share = np.where(crowd[:, None] < INSIDE, 0.5 * np.maximum(close - 1, 0), 1 + 0.5 * close)
+        total += ((share * slope)[..., None] * d).sum(axis=1)
+    if crowd is not None:
+        total[crowd < SPRAY] = 0.0
     shift = -scene.speed_scale * h * dt * scene.particle_spacing**dim * total
     length, longest = np.linalg.norm(shift, axis=1, keepdims=True), LONGEST * scene.particle_spacing
     shift *= np.minimum(1.0, longest / np.maximum(length, 1e-30))
     end = x + shift
     for k in range(dim):
-        if scene.faces["xyz"[k] + "_min"].kind == "wall":
-            end[:, k] = np.clip(end[:, k], scene.lower[k], scene.upper[k])
+        for side, face in enumerate(("_min", "_max")):
+            if scene.faces["xyz"[k] + face].kind == "wall":
+                end[:, k] = (np.maximum, np.minimum)[side](end[:, k], (scene.lower, scene.upper)[side][k])
     return end - x
 
 
@@ -115,7 +160,7 @@ def test_particles_are_shifted_by_the_formula(name, plain, dt_share):
     scene = SUMS[name]
     before, _, dt = one_step(scene, dt_share, shift=False)
     after, solver, _ = one_step(scene, dt_share, shift=True, plain=plain)
-    assert solver._structure.shifted
+    assert solver._kernels.shift is not None
     expected = expected_shift(scene, before, dt)
     longest = LONGEST * DX
     np.testing.assert_allclose(after - before, expected, atol=2e-3 * longest)
@@ -123,6 +168,40 @@ def test_particles_are_shifted_by_the_formula(name, plain, dt_share):
     assert length.max() > 0.2 * longest
     assert length.max() < 1.0001 * longest
     assert (length < 0.99 * longest).sum() > 0.5 * len(length)
+
+
+@pytest.mark.parametrize("plain", [False, True], ids=["native", "plain"])
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("what", ["drop", "puddle"])
+def test_particles_with_a_surface_are_shifted_by_the_formula(what, dim, plain):
+    lower, upper = (-0.4,) * dim, (0.4,) * dim
+    if what == "drop":
+        fluid, faces = Fluid(Ball((0.0,) * dim, 0.3)), dict.fromkeys(face_names(dim), OPEN)
+    else:
+        fluid, faces = Fluid(Box(lower, (*upper[:-1], 0.0))), {"xyz"[dim - 1] + "_max": OPEN}
+    scene = Scene(lower, upper, DX, fluid, faces, gravity=0.0, reference_speed=1.0, jitter=0.3, seed=3)
+    scheme = dataclasses.replace(SCHEME, surface_shifting=1.0)
+    before, _, dt = one_step(scene, 0.25, shift=False, scheme=scheme)
+    after, solver, _ = one_step(scene, 0.25, shift=True, plain=plain, scheme=scheme)
+    assert solver._structure.surface
+    crowd = crowds(scene, before)
+    sure = np.minimum(abs(crowd - INSIDE), abs(crowd - SPRAY)) > 0.01  # the solver looks in the middle of the step
+    assert sure.mean() > 0.9
+    assert 0.1 < (crowd < INSIDE).mean() < 0.9
+    expected = expected_shift(scene, before, dt, crowd)
+    np.testing.assert_allclose((after - before)[sure], expected[sure], atol=2e-3 * LONGEST * DX)
+    assert np.linalg.norm(expected[sure & (crowd < INSIDE)], axis=1).max() > 0.2 * LONGEST * DX
+
+
+def test_what_is_near_a_body_is_not_shifted():
+    scene = free_surface(gravity=0.0, jitter=0.3, seed=3, bodies={"post": Body(Ball((0.5, 0.25), 0.1))})
+    scheme = dataclasses.replace(SCHEME, surface_shifting=1.0)
+    before, after = (one_step(scene, 0.25, shift, scheme=scheme)[0] for shift in (False, True))
+    moved = np.linalg.norm(after - before, axis=1)
+    near = np.hypot(*(before - [0.5, 0.25]).T) < 0.2
+    assert near.sum() >= 10
+    assert moved[near].max() == 0.0
+    assert moved.max() > 0.1 * LONGEST * DX
 
 
 # -- what it does ----------------------------------------------------------------------------------------------------
@@ -286,7 +365,6 @@ ELSEWHERE = {
 def test_elsewhere_there_is_no_shifting(name):
     scene, scheme = ELSEWHERE[name]
     solver = Solver(scene, scheme, device="cpu")
-    assert not solver._structure.shifted
     assert solver._kernels.shift is None
     assert solver.state.gain.size == 0
 
@@ -294,7 +372,7 @@ def test_elsewhere_there_is_no_shifting(name):
 def test_a_full_box_is_shifted_by_default():
     for scene in (full(), full(faces=periodic("x")), stirred(), stirred(3, size=0.5)):
         assert scene.is_full
-        assert Solver(scene, device="cpu")._structure.shifted
+        assert Solver(scene, device="cpu")._kernels.shift is not None
     assert not free_surface().is_full
 
 

@@ -224,6 +224,7 @@ def make_advance_density(s: Structure) -> wp.Kernel:
             g -= c.central_force * x
         error = fetch(records, slot, wp.static(2 * dim), wp.static(middle))
         extra = float(0.0)
+        crowd = float(1.0)
         how = FREE
         if wp.static(s.carried):
             if identity[i] >= 0:
@@ -274,11 +275,13 @@ def make_advance_density(s: Structure) -> wp.Kernel:
             put(records_out, slot, k, wp.static(end), x[k])
             put(records_out, slot, wp.static(dim) + k, wp.static(end), u[k])
         density_error[i] = error
-        if wp.static(s.shifted):
+        if wp.static(s.leveled):
             error += c.level
         put(records_out, slot, wp.static(2 * dim), wp.static(end), field_of(error, c) + extra)
         if wp.static(s.heat):
             put(records_out, slot, wp.static(heat_at), wp.static(end), temperature[i])
+        if wp.static(s.surface):
+            put(records_out, slot, wp.static(end - 1), wp.static(end), crowd)
 
     return advance_density
 
@@ -418,6 +421,6 @@ def make_step(s: Structure) -> SimpleNamespace:
         kick=make_kick(s),
         conduct=make_conduct(s) if s.heat else None,
         emit=make_emit(s) if s.round_pipes else None,
-        shift=make_shift(s) if s.shifted else None,
+        shift=make_shift(s) if s.shift is not None else None,
         gather=make_gather(s),
     )

@@ -3,8 +3,16 @@
     dr_i = -A U h dt sum_j V (1 + 0.2 (W(r)/W(dx))^4) grad W(x_ij)
 
 (after Lind et al. 2012, eq. 26, with U h in place of a diffusivity as Sun et al. 2017 have it; the second part keeps
-pairs from clumping, Monaghan 2000). Velocity and density stay with the particle. It is for boxes full of fluid: at a
-free surface it would push particles out and inflate the fluid.
+pairs from clumping, Monaghan 2000). Velocity and density stay with the particle. In this form it is for boxes full of
+fluid: at a free surface it would push particles out and inflate the fluid.
+
+Where there is a surface (Scheme.surface_shifting) a particle that is less crowded than inside is only pushed by those
+that are closer than dx: of the bracket it has 0.5 max((W(r)/W(dx))^4 - 1, 0), and the others 1 + 0.5 (W(r)/W(dx))^4.
+Nothing is known of normals, and no further sweep is taken. Fluid under tension, which else clumps and tears, keeps its
+order: in a rotating square patch of 32 spacings the nearest two are 0.87 spacings apart after a third of a turn, and
+0.03 without. It is not for fluid that lies under gravity: U is then much more than how fast most of it moves, and the
+second row below a surface pushes outward; still water rises by 3.5 % of its depth, and the front of a dam break is off
+by 5 %.
 
 Shifting moves density from place to place without the continuity equation, so that the mean density error of a box
 whose volume and mass never change drifts; negative pressure opens voids. The step therefore takes from every density
@@ -29,39 +37,56 @@ from functools import lru_cache, partial
 import warp as wp
 
 from fluidgym.compilation import OPTIONS, shared_module
+from fluidgym.records import fetch
+from fluidgym.sph.bodies import make_bodies
 from fluidgym.sph.constants import Constants
+from fluidgym.sph.inflow import FREE, make_carriers
 from fluidgym.sph.neighbors import Grid
 from fluidgym.sph.pair_loop import make_pair_loop
 from fluidgym.sph.smoothing import SmoothingKernel
 from fluidgym.sph.structure import Structure
-from fluidgym.sph.terms import Force, just_weight
+from fluidgym.sph.terms import Force
 from fluidgym.sph.walls import make_images
-from fluidgym.state import Faces
+from fluidgym.state import Bodies, Drains, Faces, Nozzles
 
 # Longest shift of a step, over the spacing.
 LONGEST = 0.05
+
+# Crowd below which a particle is near a surface, and that below which it is spray and left alone.
+INSIDE = 0.97
+SPRAY = 0.2
+
+# How much more than evenness a pair that is too close counts: in a full box, and where there is a surface.
+CLUMPING = 0.2
+SURFACE_CLUMPING = 0.5
 
 CHUNK = 32  # slots that one thread adds up, so that few threads wait for each other
 ONE = wp.constant(float(1 << 40))  # a density error of 1 in the fixed point of their sum
 
 
 @lru_cache
-def shift_term(kernel: SmoothingKernel) -> Force:
-    """What a neighbour adds to a shift, over -A U h dt: V (1 + 0.2 (W(r)/W(dx))^4) grad W."""
+def shift_term(kernel: SmoothingKernel, dim: int, surface: bool) -> Force:
+    """What a neighbour adds to a shift, over -A U h dt: V (1 + C (W(r)/W(dx))^4) grad W.
 
-    @lru_cache
-    def weight(dim: int) -> wp.Function:
-        value, slope = kernel.value(dim), kernel.slope(dim)
+    With a surface it reads how crowded i is, and near the surface is V C max((W(r)/W(dx))^4 - 1, 0) grad W.
+    """
+    value, slope = kernel.value(dim), kernel.slope(dim)
 
-        @wp.func
-        def evening(r: float, c: Constants) -> float:
-            share = value(r, c) * (1.0 / value(c.spacing, c))
-            square = share * share
-            return (1.0 + 0.2 * square * square) * slope(r, c)
+    @wp.func
+    def evening(r: float, xu: float, w: float, a_i: float, a_j: float, c: Constants) -> float:
+        share = value(r, c) * (1.0 / value(c.spacing, c))
+        square = share * share
+        return (1.0 + wp.static(CLUMPING) * square * square) * slope(r, c)
 
-        return evening
+    @wp.func
+    def evening_inside(r: float, xu: float, w: float, a_i: float, a_j: float, c: Constants) -> float:
+        share = value(r, c) * (1.0 / value(c.spacing, c))
+        square = share * share
+        pushes = square * square
+        apart = wp.static(SURFACE_CLUMPING) * wp.max(pushes - 1.0, 0.0)
+        return wp.where(a_i < wp.static(INSIDE), apart, 1.0 + wp.static(SURFACE_CLUMPING) * pushes) * slope(r, c)
 
-    return Force(just_weight, weight)
+    return Force(evening_inside if surface else evening)
 
 
 @lru_cache
@@ -72,20 +97,25 @@ def make_shift_sum(s: Structure) -> tuple[wp.Function, wp.Function]:
     flags = wp.types.vector(dim, wp.int32)
     images = make_images(s)
     near, count, query = images.near, images.count, images.query
-    of_fluid = partial(make_pair_loop, dim, (s.shift,), s.slope, True, s.end_width, False, plain=s.plain)
+    field_at = s.end_width - 1 if s.surface else None
+    of_fluid = partial(
+        make_pair_loop, dim, (s.shift,), s.slope, True, s.end_width, False, plain=s.plain, field_at=field_at
+    )
     (own_loop, emit_terms), (loop, _) = of_fluid(half=s.half), of_fluid()
 
     @wp.func
     def shift_sum(
-        i: int, x: vec, world: int, reach: float, faces: Faces, records: wp.array[float], bounds: wp.array[int],
-        grid: Grid, c: Constants, sums: wp.array[float], spans: wp.array[int],
+        i: int, x: vec, crowd: float, world: int, reach: float, faces: Faces, records: wp.array[float],
+        bounds: wp.array[int], grid: Grid, c: Constants, sums: wp.array[float], spans: wp.array[int],
     ) -> vec:  # fmt: skip
         zero = vec()
-        sum = own_loop(i, x, zero, 0.0, 0.0, zero, zero, world, reach, records, bounds, grid, c, sums, spans)
+        sum = own_loop(i, x, zero, crowd, 0.0, zero, zero, world, reach, records, bounds, grid, c, sums, spans)
         found = near(x, world, faces, c.support)
         for n in range(1, count(found)):
             q = query(n, found, x, zero, zero, zero, world, faces, c)
-            part = loop(i, q.position, zero, 0.0, 0.0, zero, zero, world, reach, records, bounds, grid, c, sums, spans)
+            part = loop(
+                i, q.position, zero, crowd, 0.0, zero, zero, world, reach, records, bounds, grid, c, sums, spans
+            )  # fmt: skip
             sum += wp.cw_mul(q.turn, part)
         return sum
 
@@ -112,6 +142,7 @@ def make_shift(s: Structure) -> wp.Kernel:
     dim, kinds = s.dim, s.kinds
     vec = wp.types.vector(dim, wp.float32)
     shift_sum, emit_terms = make_shift_sum(s)
+    near_body, carried = make_bodies(s).near, make_carriers(s).carried
     walls = wp.int32(sum((kind == "mirror") << face for face, kind in enumerate(kinds)))
 
     @wp.kernel(module="unique", module_options=OPTIONS, enable_backward=False)
@@ -121,6 +152,9 @@ def make_shift(s: Structure) -> wp.Kernel:
         grid: Grid,
         bounds: wp.array[int],
         faces: Faces,
+        bodies: Bodies,
+        nozzles: Nozzles,
+        drains: Drains,
         records: wp.array[float],
         identity: wp.array[int],
         gain: wp.array[wp.int64],
@@ -139,7 +173,20 @@ def make_shift(s: Structure) -> wp.Kernel:
             x[k] = position[k, i]
         if identity[i] >= 0:
             reach = c.support + c.skin
-            sum = shift_sum(i, x, world, reach, faces, records, bounds, grid, c, sums, spans)
+            crowd = float(1.0)
+            if wp.static(s.surface):
+                crowd = fetch(records, i + world * grid.slack, wp.static(s.end_width - 1), wp.static(s.end_width))
+            sum = shift_sum(i, x, crowd, world, reach, faces, records, bounds, grid, c, sums, spans)
+            if wp.static(s.surface):
+                if crowd < wp.static(SPRAY):
+                    sum = vec()
+            if wp.static(len(s.balls) > 0):
+                if near_body(x, world, bodies, c.support):
+                    sum = vec()
+            if wp.static(s.carried):
+                at = carried(x, world, nozzles, drains, c)
+                if at.how != FREE:
+                    sum = vec()
             d = (-c.shifting * c.dt * c.volume) * sum
             length = wp.length(d)
             longest = wp.static(LONGEST) * c.spacing
@@ -152,10 +199,11 @@ def make_shift(s: Structure) -> wp.Kernel:
                     x[k] = wp.max(x[k], faces.position[world, 2 * k])
                 if (walls >> (2 * k + 1)) & 1 != 0:
                     x[k] = wp.min(x[k], faces.position[world, 2 * k + 1])
-            # Beyond the cells of a world's box there is one more, of its retired particles.
-            first = world * grid.stride
-            live = bounds[first + grid.stride - 1] - bounds[first]
-            density_error[i] -= float(gain[world]) / (ONE * float(live))
+            if wp.static(s.leveled):
+                # Beyond the cells of a world's box there is one more, of its retired particles.
+                first = world * grid.stride
+                live = bounds[first + grid.stride - 1] - bounds[first]
+                density_error[i] -= float(gain[world]) / (ONE * float(live))
         for k in range(wp.static(dim)):
             position[k, i] = x[k]
 

@@ -37,6 +37,7 @@ class Structure:
         drains: Number of outflows.
         heat: Whether heat is conducted.
         shift: The term of the particle shifting, or None without.
+        surface: Whether what is shifted has a surface: the term then reads how crowded particles are.
         forces: Whether forces on faces and bodies are added up.
         plain: Whether the pair loop is its twin in plain Warp.
         half: Whether each pair of particles is met once and serves both, which wants their threads one after another.
@@ -65,6 +66,7 @@ class Structure:
     drains: int = 0
     heat: bool = False
     shift: Force | None = None
+    surface: bool = False
     forces: bool = False
     plain: bool = False
     half: bool = False
@@ -91,8 +93,11 @@ class Structure:
 
     @property
     def end_width(self) -> int:
-        """Parts of a record at the end of a step: what the force terms read for a field, and temperature if any."""
-        return self.bare_width + self.heat
+        """Parts of a record at the end of a step: what the force terms read for a field, temperature, and crowd.
+
+        The last two where they are of use.
+        """
+        return self.bare_width + self.heat + self.surface
 
     @property
     def has_images(self) -> bool:
@@ -115,9 +120,9 @@ class Structure:
         return any(isinstance(term, DensitySum) for term in self.density_terms)
 
     @property
-    def shifted(self) -> bool:
-        """Whether particles are shifted."""
-        return self.shift is not None
+    def leveled(self) -> bool:
+        """Whether particles are shifted in a full box, where the pressure has a level of its own (shifting.py)."""
+        return self.shift is not None and not self.surface
 
     @property
     def carried(self) -> bool:
