@@ -86,7 +86,6 @@ def learn(env_id: str, seed: int, chosen: argparse.Namespace) -> Policy:
     for name, band in (("validated", VALIDATION), ("tested", TEST)):
         run[name] = evaluate(policy, episodes=chosen.episodes, seeds=band, **options).mean
     policy = replace(policy, about={**policy.about, "run": run})
-    chosen.runs.mkdir(parents=True, exist_ok=True)
     policy.save(path)
     return policy
 
@@ -222,7 +221,11 @@ def main() -> None:
     rows = json.loads(kept.read_text()) if kept.exists() else {}
     ids = chosen.ids or every
     chosen.docs.mkdir(exist_ok=True)
-    speeds = {env_id: rates(env_id, chosen) for env_id in ids}  # while nothing else goes on
+    chosen.runs.mkdir(parents=True, exist_ok=True)
+    timed = chosen.runs / f"rates-{chosen.difficulty}.json"
+    speeds = json.loads(timed.read_text()) if timed.exists() else {}
+    speeds |= {env_id: rates(env_id, chosen) for env_id in ids if env_id not in speeds}  # while nothing else goes on
+    timed.write_text(json.dumps(speeds))
     runs = [(env_id, seed) for seed in range(chosen.seeds) for env_id in ids]
     with ProcessPoolExecutor(chosen.jobs, get_context("spawn")) as pool:
         begun = {run: pool.submit(learn, *run, chosen) for run in runs}
