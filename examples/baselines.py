@@ -95,7 +95,7 @@ def measure(env_id: str, speeds: dict[str, float], policies: list[Policy], chose
     options = task_options(env_id, chosen)
     env = FluidEnv(**options)
     env.reset(seed=0)
-    row: dict = {"particles": env.solver.account().live, "difficulty": chosen.difficulty}
+    row: dict = {"particles": env.solver.capacity, "difficulty": chosen.difficulty}
     finer = {**options, "resolution": 2 * env.task.resolution}
     env.close()
     row["env_steps_per_s"] = speeds
@@ -175,8 +175,8 @@ def picture(path: Path) -> None:
 def table(rows: dict) -> str:
     """The rows as Markdown."""
     lines = [
-        "| id | particles | env steps/s with 1, 8, 64 worlds | null | scripted | PPO | twice the resolution: scripted,"
-        " PPO |",
+        "| id | particles, at most | env steps/s with 1, 8, 64 worlds | null | scripted | PPO |"
+        " twice the resolution: scripted, PPO |",
         "| --- | --- | --- | --- | --- | --- | --- |",
     ]
     for name, row in rows.items():
