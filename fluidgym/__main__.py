@@ -44,6 +44,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _refuse(str(error))
     try:
         return chosen.run(chosen)
+    except KeyboardInterrupt:  # while something was being set up: later, each command says how far it came
+        print("interrupted", file=sys.stderr)
+        return INTERRUPTED
     except MemoryError as error:
         return _refuse(" ".join(str(error).split()) or "out of memory; use fewer worlds or a larger particle spacing")
 

@@ -109,6 +109,7 @@ artificial_viscosity = 0.02
 acoustic_damping = 0.4
 sound_speed_ratio = 12.0
 shifting = 0.5
+surface_shifting = 0.5
 core = 0.75
 viscosity = "monaghan"
 integrator = "leapfrog"
