@@ -199,6 +199,7 @@ FULL_EXPERIMENT = Experiment(
         acoustic_damping=0.4,
         sound_speed_ratio=12.0,
         shifting=0.5,
+        surface_shifting=0.5,
         core=0.75,
         viscosity=VISCOSITY_MONAGHAN,
         integrator=LEAPFROG,
