@@ -706,8 +706,6 @@ def play(chosen: argparse.Namespace) -> int:
                 if chosen.film:
                     frames.append(env.render())
                 bar.update(1)
-    except KeyboardInterrupt:
-        return INTERRUPTED
     finally:
         env.close()
     if chosen.film:

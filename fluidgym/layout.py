@@ -154,7 +154,7 @@ class Parameters:
             "density_unit": 1.0 / lattice_sum(h / dx, dim) if scheme.preset == "mueller" else 1.0,
             "thermal_diffusivity": p["thermal_diffusivity"] / unit,
             "central_force": p["central_force"],
-            "shifting": (scheme.shifting if scene.is_full else scheme.surface_shifting) * scene.speed_scale * h,
+            "shifting": _shifting(scene, scheme) * scene.speed_scale * h,
             "level": LEVEL * (scene.speed_scale / c_0) ** 2,
             "wall_stiffness": p["wall_stiffness"] * (c_0 / h) ** 2,
             "wall_margin": p["wall_margin"] * dx,
@@ -236,7 +236,7 @@ def make_structure(
         central=bool(p["central_force"].any()),
     )
     bodies = list(scene.bodies.values())
-    surface = not scene.is_full
+    shifted = _is_shifted(scene, scheme)
     return Structure(
         dim=dim,
         kinds=tuple(_kind(face, wall) for face in faces),
@@ -263,19 +263,23 @@ def make_structure(
         round_pipes=tuple(dim == 3 and inflow.height is None for inflow in scene.inflows.values()),
         drains=len(scene.outflows),
         heat=heat,
-        shift=shift_term(scheme.kernel_in(dim), dim, surface) if _is_shifted(scene, scheme) else None,
-        surface=surface and _is_shifted(scene, scheme),
+        shift=shift_term(scheme.kernel_in(dim), dim, not scene.is_full) if shifted else None,
+        surface=shifted and not scene.is_full,
         forces=forces,
         plain=plain,
         half=half,
     )
 
 
+def _shifting(scene: Scene, scheme: Scheme) -> float:
+    """A of the particle shifting that such a scene has."""
+    return scheme.shifting if scene.is_full else scheme.surface_shifting
+
+
 def _is_shifted(scene: Scene, scheme: Scheme) -> bool:
     """Whether particles are shifted: where walls all show images, and density is advanced."""
     summed = any(isinstance(term, DensitySum) for term in scheme.density_terms())
-    much = scheme.shifting if scene.is_full else scheme.surface_shifting
-    return much > 0.0 and isinstance(scheme.walls, MirrorWalls) and not summed
+    return _shifting(scene, scheme) > 0.0 and isinstance(scheme.walls, MirrorWalls) and not summed
 
 
 def _kind(face: Face, wall: str) -> str:

@@ -8,11 +8,11 @@ fluid: at a free surface it would push particles out and inflate the fluid.
 
 Where there is a surface (Scheme.surface_shifting) a particle that is less crowded than inside is only pushed by those
 that are closer than dx: of the bracket it has 0.5 max((W(r)/W(dx))^4 - 1, 0), and the others 1 + 0.5 (W(r)/W(dx))^4.
-Nothing is known of normals, and no further sweep is taken. Fluid under tension, which else clumps and tears, keeps its
-order: in a rotating square patch of 32 spacings the nearest two are 0.87 spacings apart after a third of a turn, and
-0.03 without. It is not for fluid that lies under gravity: U is then much more than how fast most of it moves, and the
-second row below a surface pushes outward; still water rises by 3.5 % of its depth, and the front of a dam break is off
-by 5 %.
+Nothing is known of normals: how crowded it is the first sweep has found. Fluid under tension, which else clumps and
+tears, keeps its order: in a rotating square patch of 32 spacings the nearest two are 0.87 spacings apart after a third
+of a turn, and 0.03 without. It is not for fluid that lies under gravity: U is then much more than how fast most of it
+moves, and the second row below a surface pushes outward; still water rises by 3.5 % of its depth, and the front of a
+dam break is off by 5 %.
 
 Shifting moves density from place to place without the continuity equation, so that the mean density error of a box
 whose volume and mass never change drifts; negative pressure opens voids. The step therefore takes from every density
@@ -73,18 +73,20 @@ def shift_term(kernel: SmoothingKernel, dim: int, surface: bool) -> Force:
     value, slope = kernel.value(dim), kernel.slope(dim)
 
     @wp.func
-    def evening(r: float, xu: float, w: float, a_i: float, a_j: float, c: Constants) -> float:
+    def closeness(r: float, c: Constants) -> float:
         share = value(r, c) * (1.0 / value(c.spacing, c))
         square = share * share
-        return (1.0 + wp.static(CLUMPING) * square * square) * slope(r, c)
+        return square * square
+
+    @wp.func
+    def evening(r: float, xu: float, w: float, a_i: float, a_j: float, c: Constants) -> float:
+        return (1.0 + wp.static(CLUMPING) * closeness(r, c)) * slope(r, c)
 
     @wp.func
     def evening_inside(r: float, xu: float, w: float, a_i: float, a_j: float, c: Constants) -> float:
-        share = value(r, c) * (1.0 / value(c.spacing, c))
-        square = share * share
-        pushes = square * square
-        apart = wp.static(SURFACE_CLUMPING) * wp.max(pushes - 1.0, 0.0)
-        return wp.where(a_i < wp.static(INSIDE), apart, 1.0 + wp.static(SURFACE_CLUMPING) * pushes) * slope(r, c)
+        close = closeness(r, c)
+        apart = wp.static(SURFACE_CLUMPING) * wp.max(close - 1.0, 0.0)
+        return wp.where(a_i < wp.static(INSIDE), apart, 1.0 + wp.static(SURFACE_CLUMPING) * close) * slope(r, c)
 
     return Force(evening_inside if surface else evening)
 
