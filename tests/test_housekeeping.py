@@ -132,7 +132,7 @@ def test_worlds_that_do_not_fit_are_refused_before_memory_is_used_up(monkeypatch
     [
         (["stress", "12", "--hours", "1", "--json", "found.json"], {"found.json"}),
         (["evaluate", "CarryTank2D-v0", "--episodes", "64", "--json", "scores.json"], {"scores.json"}),
-        (["play", "LevelHold2D-v0", "--film", "film.gif"], {"film.gif"}),
+        (["play", "LevelHold2D-v0", "--difficulty", "hard", "--film", "film.gif"], {"film.gif"}),
     ],
     ids=lambda value: value[0] if isinstance(value, list) else "",
 )
@@ -147,6 +147,7 @@ def test_an_interrupt_is_told_in_a_line_and_leaves_no_half_file(command, files, 
         arguments, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     ) as process:
         time.sleep(8.0)
+        assert process.poll() is None, "over before it was interrupted"
         process.send_signal(signal.SIGINT)
         try:
             _, said = process.communicate(timeout=60)

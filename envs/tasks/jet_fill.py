@@ -50,7 +50,7 @@ class JetFill(FluidTask):
     grids: ClassVar = {2: (9, 12)}
     duration = 4.0
     levels: ClassVar = {
-        "easy": Level("fast", variation=0.3, resolution={2: 8}, grids={2: (6, 8)}, interval=0.1),
+        "easy": Level("fast", variation=0.3, grids={2: (6, 8)}, interval=0.1),
         "medium": Level(variation=0.7),
         "hard": Level(variation=1.0, disturbance=0.1, viscosity=1e-3, resolution={2: 20}),
     }
