@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
 from itertools import product
 from pathlib import Path
@@ -733,6 +733,9 @@ def _add_stress(commands: argparse._SubParsersAction) -> None:
     parser.add_argument("--ids", nargs="+", default=[], metavar="ID", help="environments to drive (default: all in 2D)")
     parser.add_argument("--difficulty", default="medium", help="of these: easy, medium or hard (default: medium)")
     parser.add_argument("--worlds", type=int, default=32, metavar="N", help="of each at a time (default: 32)")
+    parser.add_argument(
+        "--jobs", type=int, default=1, metavar="N", help="tasks at a time, each with a thread of its own (default: 1)"
+    )
     parser.add_argument("--seed", type=int, default=0, help="of what is drawn (default: 0)")
     parser.add_argument(
         "--out", type=Path, default=Path("outputs/stress"), metavar="FOLDER", help="for replays of failures"
@@ -747,7 +750,7 @@ def _add_stress(commands: argparse._SubParsersAction) -> None:
 def stress(chosen: argparse.Namespace) -> int:
     """Try to break the simulator: a line for each stress and each task."""
     from fluidgym.benchmark import machine
-    from fluidgym.soak import Report, replay, soak
+    from fluidgym.soak import replay
     from fluidgym.solver import find_device
     from fluidgym.stress import Found, choose, markdown
     from fluidgym.validation.report import write_json, write_page
@@ -759,6 +762,8 @@ def stress(chosen: argparse.Namespace) -> int:
             print(f"{chosen.replay}: {f'diverged ({reason})' if reason else 'sound'} after {steps} steps")
             return MISSED if reason else 0
         stresses = choose(chosen.numbers, chosen.hours)
+        if chosen.jobs < 1:
+            raise ValueError(f"--jobs {chosen.jobs} is less than 1; give how many tasks are driven at a time")
         environments = _environments(chosen.ids or [name for name in _environments([]) if "2D" in name])
         _check_file("--json", chosen.json)
         _check_file("--markdown", chosen.markdown)
@@ -775,17 +780,9 @@ def stress(chosen: argparse.Namespace) -> int:
             print(found.add(one, chosen.long, device), flush=True)
             keep()
         if chosen.hours:
-            each = 3600.0 * chosen.hours / len(environments)
-            for env_id, given in environments.items():
-                options = {**given, "difficulty": chosen.difficulty}
-                form = BAR.replace(" simulated", "")
-                with tqdm(total=each, bar_format=form, desc=env_id, leave=False, disable=None) as bar:
-
-                    def tell(so_far: Report, bar: tqdm = bar) -> None:
-                        bar.update(min(so_far.seconds, each) - bar.n)
-
-                    task, how = options.pop("task"), (chosen.worlds, chosen.seed, each)
-                    report = soak(task, options, *how, folder=chosen.out, device=device, progress=tell)
+            tasks = {name: {**given, "difficulty": chosen.difficulty} for name, given in environments.items()}
+            how: dict[str, Any] = {"worlds": chosen.worlds, "seed": chosen.seed, "folder": chosen.out, "device": device}
+            for env_id, report in _soaks(tasks, chosen, how):
                 found.soaked[env_id] = report
                 print(f"{env_id} {chosen.difficulty}: {report}", flush=True)
                 keep()
@@ -797,12 +794,32 @@ def stress(chosen: argparse.Namespace) -> int:
     return 0 if found.passed else MISSED
 
 
+def _soaks(tasks: dict[str, dict[str, Any]], chosen: argparse.Namespace, how: dict[str, Any]) -> Iterator[tuple]:
+    """Name and report of each task, as it is done, and a bar until then."""
+    from fluidgym.soak import Report, soak, soak_all
+
+    jobs = min(chosen.jobs, len(tasks))
+    how = how | {"seconds": 3600.0 * chosen.hours * jobs / len(tasks)}
+    if jobs > 1:
+        yield from tqdm(soak_all(tasks, jobs, **how), total=len(tasks), unit="task", leave=False, disable=None)
+        return
+    each = how["seconds"]
+    for env_id, options in tasks.items():
+        with tqdm(total=each, bar_format=BAR.replace(" simulated", ""), desc=env_id, leave=False, disable=None) as bar:
+
+            def tell(so_far: Report, bar: tqdm = bar) -> None:
+                bar.update(min(so_far.seconds, each) - bar.n)
+
+            yield env_id, soak(options.pop("task"), options, progress=tell, **how)
+
+
 def _stress_command(chosen: argparse.Namespace) -> str:
     """The command that makes the page of `stress` anew."""
     words = ["stress", *map(str, chosen.numbers)]
     words += ["--long"] if chosen.long else []
     words += ["--hours", f"{chosen.hours:g}"] if chosen.hours else []
     words += ["--difficulty", chosen.difficulty] if chosen.hours else []
+    words += ["--jobs", f"{chosen.jobs}"] if chosen.hours and chosen.jobs > 1 else []
     return _page_command(words, chosen.markdown)
 
 

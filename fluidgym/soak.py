@@ -10,9 +10,12 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
+from multiprocessing import active_children, get_context
 from pathlib import Path
 from typing import Any
 
@@ -151,6 +154,7 @@ def soak(
     folder: Path | None = None,
     device: str | None = None,
     progress: Callable[[Report], object] = lambda report: None,
+    threads: int | None = None,
 ) -> Report:
     """Drive a task.
 
@@ -164,6 +168,7 @@ def soak(
         folder: Where files go that replay failures; None keeps none.
         device: "cpu", "cuda", ...; None takes a GPU where there is one.
         progress: Called after each step.
+        threads: Of a CPU, that share the worlds at most; None is as many as there are processors.
 
     Raises:
         ValueError: An argument is out of its limits, or neither seconds nor steps are given.
@@ -173,7 +178,7 @@ def soak(
     rng = np.random.default_rng(seed)
     posed = make_task(task, **options)
     assert isinstance(posed, FluidTask)
-    runner = Runner(posed, worlds, device)
+    runner = Runner(posed, worlds, device, threads=threads)
     limit, acts = posed.max_episode_steps, len(posed.action_names())
     plans = Plans(limit, acts, posed.control_interval, rng)
     report, begin = Report(task), time.monotonic()
@@ -221,6 +226,37 @@ def soak(
         report.seconds = time.monotonic() - begin
         progress(report)
     return report
+
+
+def soak_all(tasks: Mapping[str, Mapping[str, Any]], jobs: int, **how: Any) -> Iterator[tuple[str, Report]]:
+    """Drive several tasks, so many at a time, each in a process and with a thread of its own.
+
+    Args:
+        tasks: Options by a name of your own; "task" among them is the task's name.
+        jobs: How many at a time.
+        how: Arguments of `soak`, for all alike.
+
+    Yields:
+        Name and report, in order. What goes on is stopped when the caller stops.
+
+    Raises:
+        BrokenProcessPool: A process was killed.
+    """
+    before = set(active_children())
+    heed = (signal.SIGINT, signal.SIG_IGN)  # an interrupt is the caller's, who stops them
+    pool = ProcessPoolExecutor(min(jobs, len(tasks)), get_context("spawn"), signal.signal, heed)
+    try:
+        begun = {name: pool.submit(_soak_alone, dict(options), how) for name, options in tasks.items()}
+        for name, report in begun.items():
+            yield name, report.result()
+    finally:
+        for process in set(active_children()) - before:
+            process.terminate()
+        pool.shutdown(cancel_futures=True)
+
+
+def _soak_alone(options: dict[str, Any], how: dict[str, Any]) -> Report:
+    return soak(options.pop("task"), options, threads=1, **how)
 
 
 def amiss(solver: Solver, worlds: Iterable[int]) -> tuple[int, float]:

@@ -131,8 +131,9 @@ def test_worlds_that_do_not_fit_are_refused_before_memory_is_used_up(monkeypatch
     ("command", "files"),
     [
         (["stress", "12", "--hours", "1", "--json", "found.json"], {"found.json"}),
+        (["stress", "4", "--hours", "1", "--jobs", "2", "--json", "soaked.json"], {"soaked.json"}),
         (["evaluate", "CarryTank2D-v0", "--episodes", "64", "--json", "scores.json"], {"scores.json"}),
-        (["play", "LevelHold2D-v0", "--difficulty", "hard", "--film", "film.gif"], {"film.gif"}),
+        (["play", "CarryTank3D-v0", "--difficulty", "hard", "--film", "film.gif"], {"film.gif"}),
     ],
     ids=lambda value: value[0] if isinstance(value, list) else "",
 )

@@ -8,7 +8,7 @@ from fluidgym import soak as soaking
 from fluidgym.__main__ import main
 from fluidgym.envs import FluidVectorEnv
 from fluidgym.scene import Box, Fluid, Scene
-from fluidgym.soak import KINDS, Plans, replay, soak
+from fluidgym.soak import KINDS, Plans, replay, soak, soak_all
 from fluidgym.solver import Solver
 from fluidgym.stress import MISSES, STRESSES, Finding, Sound
 
@@ -232,11 +232,24 @@ def test_the_command_keeps_what_it_finds(tmp_path, capsys):
     assert '"per_million": 0.0' in table.read_text()
 
 
+def test_tasks_side_by_side_are_driven_as_one_after_another():
+    tasks = {name: {"task": name, "difficulty": "easy"} for name in ("SloshDamp", "CarryTank")}
+    how = {"worlds": 2, "steps": 60, "seed": 1, "device": "cpu"}
+    beside = dict(soak_all(tasks, 2, **how))
+    assert list(beside) == list(tasks)
+    for name, report in beside.items():
+        report.seconds = 0.0
+        alone = soak(name, {"difficulty": "easy"}, **how)
+        alone.seconds = 0.0
+        assert report == alone
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         ("13", "stress 13 is outside 1 to 12; name one of them"),
         ("--hours -1", "--hours -1 is outside 0 to 10000"),
+        ("--hours 1 --jobs 0", "--jobs 0 is less than 1"),
         ("--hours 1 --ids Tsunami2D-v0", "unknown environment Tsunami2D-v0"),
         ("--replay gone.npz", "path = 'gone.npz' does not exist"),
     ],
