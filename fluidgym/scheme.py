@@ -17,7 +17,7 @@ from fluidgym.sph.smoothing import POLY6, WENDLAND_C2, WENDLAND_C4, SmoothingKer
 from fluidgym.sph.state_equation import LINEAR, StateEquation, itself, without_tension
 from fluidgym.sph.terms import DensityRate, DensitySum, Drag, Force, Term
 from fluidgym.sph.viscosity import ARTIFICIAL_VISCOSITY, VISCOSITY_MORRIS
-from fluidgym.sph.wall_models import MIRROR_WALLS, PenaltyWalls, WallModel
+from fluidgym.sph.wall_models import MIRROR_WALLS, MirrorWalls, PenaltyWalls, WallModel
 
 # Lowest and highest value of each number, and what to use.
 LIMITS = {
@@ -143,6 +143,11 @@ class Scheme:
         forces = self.force_terms(viscous=True)
         if self.preset == "mueller" and any(isinstance(term, DensityRate | DensitySum) for term in self.terms):
             raise ValueError("Scheme.terms has a DensityRate, for which preset 'mueller' has no place; leave it out")
+        if self.surface_shifting and (self.preset == "mueller" or not isinstance(self.walls, MirrorWalls)):
+            raise ValueError(
+                f"Scheme.surface_shifting = {self.surface_shifting:g} is of no effect but with the preset 'delta' and"
+                " walls = MirrorWalls(); leave it out"
+            )
         if self.preset == "delta" and any(term.reads_density for term in forces):
             raise ValueError("Scheme.viscosity = KERNEL_VISCOSITY needs the preset 'mueller'; use VISCOSITY_MORRIS")
 

@@ -16,6 +16,7 @@ from fluidgym.sph.pressure import PRESSURE_GRADIENT
 from fluidgym.sph.smoothing import CUBIC_SPLINE, POLY6, WENDLAND_C2, WENDLAND_C4
 from fluidgym.sph.terms import DensityRate, Force
 from fluidgym.sph.viscosity import ARTIFICIAL_VISCOSITY, VISCOSITY_MORRIS
+from fluidgym.sph.wall_models import ClampWalls
 
 
 @wp.func
@@ -157,6 +158,11 @@ def test_sound_speed_is_its_ratio_times_the_largest_speed_unless_the_material_ha
         (
             {"terms": (PRESSURE_GRADIENT, print)},
             "Scheme.terms[1] = <built-in function print> is not a DensityRate, Force or Drag; use Force(function)",
+        ),
+        (
+            {"surface_shifting": 1.0, "walls": ClampWalls()},
+            "Scheme.surface_shifting = 1 is of no effect but with the preset 'delta' and walls = MirrorWalls(); leave it"
+            " out",
         ),
     ],
 )
