@@ -161,8 +161,8 @@ def test_sound_speed_is_its_ratio_times_the_largest_speed_unless_the_material_ha
         ),
         (
             {"surface_shifting": 1.0, "walls": ClampWalls()},
-            "Scheme.surface_shifting = 1 is of no effect but with the preset 'delta' and walls = MirrorWalls(); leave it"
-            " out",
+            "Scheme.surface_shifting = 1 is of no effect but with the preset 'delta' and walls = MirrorWalls();"
+            " leave it out",
         ),
     ],
 )
