@@ -317,7 +317,7 @@ def test_a_jet_follows_the_path_of_a_bullet():
     env = FluidEnv("JetFill", resolution=20, variation=0.0, device="cpu")
     env.reset(seed=0)
     for _ in range(14):  # what came out while the valve opened has fallen by then
-        env.step([0.2, 0.0])
+        env.step([0.36, 0.0])
     x = env.solver.particles().position
     front = (x[:, 0] > 0.3) & (x[:, 0] < 0.7)
     end = jet_fill.NOZZLE[0] + 5.0 * env.task.spacing
@@ -332,9 +332,13 @@ def test_a_jet_that_is_off_makes_nothing_and_every_particle_is_accounted_for():
     envs = FluidVectorEnv(2, "JetFill", difficulty="easy", device="cpu")
     envs.reset(seed=0)
     start = envs.task.fluid["live"].copy()
-    for step in range(60):
-        envs.step(np.array([[-1.0, 0.0], [1.0, 0.3 * (-1.0) ** (step // 7)]], np.float32))
+    spilt = np.zeros(2)
+    for step in range(39):
+        action = np.array([[jet_fill.SHUT, 0.0], [-0.2, 0.3 * (-1.0) ** (step // 7)]], np.float32)
+        spilt += envs.step(action)[-1]["spill"]
     task = envs.task
+    fastest = jet_fill.JET * jet_fill.FASTEST * task.control_interval / task.spacing**2
+    np.testing.assert_allclose(spilt * fastest, task.gone(), rtol=1e-6)
     assert task.fluid["live"][0] == start[0]
     emitted = envs.solver.state.ledger.emitted.numpy()
     np.testing.assert_array_equal(task.gone(), start + emitted - task.fluid["live"])

@@ -23,19 +23,21 @@ THICK = 0.1  # its walls and floor [m]
 FULL = 0.5  # share of that which is to be filled
 FASTEST = 5.0  # jet [m/s]
 STEEPEST = 0.6  # slope of the jet at the nozzle, up or down
+SHUT = -0.6  # command up to which the valve is shut: what dribbles falls beside the bucket, and who explores dribbles
 
 
 class JetFill(FluidTask):
     """A nozzle at the left throws a jet into the air; it is to fill a bucket at the right and then to stop.
 
-    Action (2,): the speed of the jet, off at -1 and the largest at 1; and its slope at the nozzle, as a share of the
-    steepest, positive upwards. Speed and slope follow at a limited rate.
+    Action (2,): the speed of the jet, off up to -0.6 and the largest at 1; and its slope at the nozzle, as a share of
+    the steepest, positive upwards. Speed and slope follow at a limited rate.
 
     Observation: the fluid on a coarse grid; speed (0 to 1) and slope (-1 to 1) of the jet, the height of the nozzle
     (-1 to 1), how full the bucket is (0 to 1), and the time.
 
-    Reward, from -1.05 to 1: fill - 1 spill - 0.05 effort. Fill is how much is in the bucket over half of what it
-    holds; spill how much has fallen past it, over the same; effort the change of speed and slope.
+    Reward, from -2.05 to 1: fill - 2 spill - 0.05 effort. Fill is how much is in the bucket over half of what it
+    holds; spill what has fallen past it since the last action, over what the fastest jet brings in that time; effort
+    the change of speed and slope.
 
     The jet takes the path of a bullet: with slope s and speed u along x it is s x - g x^2/(2 u^2) higher at x. What
     misses the bucket falls out of the world through the floor.
@@ -54,9 +56,9 @@ class JetFill(FluidTask):
         "medium": Level(variation=0.7),
         "hard": Level(variation=1.0, disturbance=0.1, viscosity=1e-3, resolution={2: 20}),
     }
-    memory = ("speed", "slope", "height")
+    memory = ("speed", "slope", "height", "_gone")
     gain = "fill"
-    costs: ClassVar = {"spill": 1.0, "effort": 0.05}
+    costs: ClassVar = {"spill": 2.0, "effort": 0.05}
     actions = 2
     numbers: ClassVar = [(0.0, 1.0), (-1.0, 1.0), (-1.0, 1.0), (0.0, 1.0)]
 
@@ -101,6 +103,7 @@ class JetFill(FluidTask):
         )
         self._fluid = self.scene.sample()
         self.whole = FULL * wide * deep / self.spacing**2  # particles that fill it
+        self._most = JET * FASTEST * self.control_interval / self.spacing**2  # particles of the fastest jet
 
     def zone(self) -> tuple[tuple[float, float], tuple[float, float]]:
         """Inside the bucket."""
@@ -113,6 +116,7 @@ class JetFill(FluidTask):
         worlds = solver.num_worlds
         self.speed, self.slope = np.zeros(worlds), np.zeros(worlds)
         self.height = np.full(worlds, NOZZLE[1])
+        self._gone = np.zeros(worlds, int)
 
     def sample(self, world: int, rng: np.random.Generator) -> Particles:
         """An empty bucket; the nozzle, whose pipe is full, is higher or lower each time."""
@@ -122,15 +126,17 @@ class JetFill(FluidTask):
 
     def begin(self, worlds: np.ndarray) -> None:
         """Shut the nozzle of some worlds."""
-        self.speed[worlds], self.slope[worlds] = 0.0, 0.0
+        self.speed[worlds], self.slope[worlds], self._gone[worlds] = 0.0, 0.0, 0
         self._aim()
         super().begin(worlds)
 
     def drive(self, actions: np.ndarray) -> None:
         """Open or shut the valve and turn the nozzle, as fast as they go."""
+        self._gone = self.gone()
         speed, slope = self.speed, self.slope
         step = self._follow * FASTEST, self._follow * STEEPEST
-        self.speed = (0.5 * FASTEST * (1.0 + actions[:, 0])).clip(speed - step[0], speed + step[0])
+        opened = (actions[:, 0] - SHUT) / (1.0 - SHUT)
+        self.speed = (FASTEST * opened.clip(0.0)).clip(speed - step[0], speed + step[0])
         self.slope = (STEEPEST * actions[:, 1]).clip(slope - step[1], slope + step[1])
         self._effort = rewards.effort((self.speed - speed) / step[0], (self.slope - slope) / step[1])
         self._aim()
@@ -153,7 +159,7 @@ class JetFill(FluidTask):
         """Fill, spill and effort."""
         return {
             "fill": self.filled().clip(0.0, 1.0),
-            "spill": (self.gone() / self.whole).clip(0.0, 1.0),
+            "spill": ((self.gone() - self._gone) / self._most).clip(0.0, 1.0),
             "effort": self._effort.copy(),
         }
 
@@ -171,7 +177,7 @@ class JetFill(FluidTask):
         speed = away * np.sqrt(0.5 * GRAVITY * (1.0 + slope * slope) / (slope * away + fall))
         aimed = self.slope > 0.9 * slope
         in_air = (1.0 - self.fluid["in_zone"]) * self.fluid["live"] / self.whole
-        wanted = np.where(aimed & (self.filled() + in_air < 1.1), 2.0 * speed / FASTEST - 1.0, -1.0)
+        wanted = np.where(aimed & (self.filled() + in_air < 1.1), SHUT + (1.0 - SHUT) * speed / FASTEST, -1.0)
         return np.stack([wanted, np.full_like(wanted, slope / STEEPEST)], axis=1)
 
     def null(self) -> np.ndarray:
