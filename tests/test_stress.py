@@ -1,5 +1,7 @@
 """What must not break: impacts, pistons, jets, traps, long runs, many particles."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -219,6 +221,15 @@ def test_what_breaks_in_a_soak_breaks_again_in_its_replay(tmp_path, monkeypatch,
     monkeypatch.setattr(fluidgym.envs.fluid_task, "LARGEST_DENSITY_ERROR", 0.5)
     assert main(["stress", "--replay", str(kept[0][0]), "--device", "cpu"]) == 0
     assert "sound after" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("path", sorted((Path(__file__).parent / "replays").glob("*.npz")), ids=lambda path: path.stem)
+def test_what_broke_in_a_soak_breaks_no_worse(path):
+    reason, steps = replay(path, "cpu")
+    assert reason in ("", "density", "speed")
+    assert steps > 15
+    if reason:  # chaotic as a splash is, another processor may see it through
+        pytest.xfail("tension between the last drops of a splash: see docs/stress.md")
 
 
 def test_the_command_keeps_what_it_finds(tmp_path, capsys):
