@@ -14,7 +14,7 @@ from fluidgym.sph.integrators import KICK_DRIFT_KICK, LEAPFROG, Integrator
 from fluidgym.sph.mueller import KERNEL_VISCOSITY, POLY6_SUMMATION, spiky_pressure
 from fluidgym.sph.pressure import PRESSURE_GRADIENT
 from fluidgym.sph.smoothing import POLY6, WENDLAND_C2, WENDLAND_C4, SmoothingKernel
-from fluidgym.sph.state_equation import LINEAR, StateEquation, itself, without_tension
+from fluidgym.sph.state_equation import LINEAR, StateEquation, itself, torn_at
 from fluidgym.sph.terms import DensityRate, DensitySum, Drag, Force, Term
 from fluidgym.sph.viscosity import ARTIFICIAL_VISCOSITY, VISCOSITY_MORRIS
 from fluidgym.sph.wall_models import MIRROR_WALLS, MirrorWalls, PenaltyWalls, WallModel
@@ -26,6 +26,7 @@ LIMITS = {
     "density_diffusion": (0.0, 0.5, "0.1"),
     "artificial_viscosity": (0.0, 1.0, "0.0003 to 0.01"),
     "acoustic_damping": (0.0, 2.0, "0.7"),
+    "tear": (1e-3, 1.0, "0.03"),
     "shifting": (0.0, 4.0, "2.0"),
     "surface_shifting": (0.0, 8.0, "4.0"),
     "core": (0.0, 4.0, "1.0"),
@@ -50,6 +51,9 @@ class Scheme:
         state_equation: Pressure from density, LINEAR or TAIT.
         gamma: Exponent of TAIT.
         tension: Whether pressure may be negative; None is yes, and no for mueller.
+        tear: Largest tension, over rho_0 c_0^2: beyond it fluid tears. The last drops of a splash are few and far
+            apart, where sums know little; tension without end flings them together, and off at half the speed of sound.
+            The default is six times the suction of the reference speed at Mach 0.1. Not of mueller.
         density_diffusion: delta of the density diffusion (Marrone et al. 2011); 0 leaves the term out. Not of mueller.
         artificial_viscosity: alpha of the artificial viscosity, which makes up what the fluid's own lacks of it; 0
             leaves it out.
@@ -84,6 +88,7 @@ class Scheme:
     state_equation: StateEquation = LINEAR
     gamma: float = 7.0
     tension: bool | None = None
+    tear: float = 0.03
     density_diffusion: float = 0.1
     artificial_viscosity: float = 0.0003
     acoustic_damping: float = 0.7
@@ -174,8 +179,10 @@ class Scheme:
 
     @property
     def pressure_law(self) -> StateEquation:
-        """The state equation, without negative pressures where there is no tension."""
-        return self.state_equation if self.tension else without_tension(self.state_equation)
+        """The state equation, with no more tension than there may be."""
+        if self.tension and self.preset == "mueller":
+            return self.state_equation
+        return torn_at(self.state_equation, self.tear if self.tension else 0.0)
 
     @property
     def steps(self) -> Integrator:

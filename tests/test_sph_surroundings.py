@@ -107,8 +107,8 @@ def crowd_of(places):
 @pytest.mark.parametrize("dim", [2, 3])
 def test_a_particle_in_full_surroundings_feels_full_tension(dim, device):
     places = block({2: (19, 19), 3: (13, 13, 13)}[dim])
-    steep = 0.04  # [1/m]
-    error = -0.05 - steep * places[:, 0]
+    steep = 0.01  # [1/m]
+    error = -0.02 - steep * places[:, 0]
     solver = loose(places, error=error, device=device)
     inside = np.abs(places).max(axis=1) < 0.6 * DX  # their neighbours' neighbours are all there
     lattice = block((9,) * dim)
@@ -120,6 +120,15 @@ def test_a_particle_in_full_surroundings_feels_full_tension(dim, device):
     np.testing.assert_allclose(found, np.broadcast_to(expected, found.shape), atol=2e-3 * abs(expected[0]))
     field = field_in_order(solver)
     np.testing.assert_allclose(field[inside], error[inside], rtol=1e-4)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_tension_ends_where_fluid_tears_and_the_void_is_remembered(dim, device):
+    places = block({2: (19, 19), 3: (13, 13, 13)}[dim])
+    solver = loose(places, error=-0.2, scheme=Scheme(tear=0.05), device=device)
+    inside = np.abs(places).max(axis=1) < 0.6 * DX
+    np.testing.assert_allclose(field_in_order(solver)[inside], -0.05, rtol=1e-6)
+    np.testing.assert_allclose(in_order(solver, solver.state.now.density_error)[inside], -0.2, rtol=1e-5)
 
 
 @pytest.mark.parametrize("dim", [2, 3])

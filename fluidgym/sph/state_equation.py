@@ -59,17 +59,24 @@ TAIT = StateEquation(
 
 
 @lru_cache
-def without_tension(equation: StateEquation) -> StateEquation:
-    """The same state equation with negative pressures cut to zero, so that fluid tears instead of clumping."""
+def torn_at(equation: StateEquation, tear: float) -> StateEquation:
+    """The same state equation with its negative pressures cut off, so that fluid tears instead of clumping.
+
+    s itself is not cut: where fluid has torn it tells how much is void, and until that closes there is no pressure.
+
+    Args:
+        equation: Any.
+        tear: Largest tension, -p / (rho_0 c_0^2); 0 allows none.
+    """
     pressure = equation.pressure
 
     @wp.func
-    def pressure_or_none(s: float, c: Constants) -> float:
-        return wp.max(pressure(s, c), 0.0)
+    def pressure_or_torn(s: float, c: Constants) -> float:
+        return wp.max(pressure(s, c), wp.static(-tear))
 
     return StateEquation(
-        f"{equation.name} without tension",
-        pressure_or_none,
-        lambda s, gamma: np.maximum(equation.pressure_of(s, gamma), 0.0),
+        f"{equation.name} without tension" if tear == 0.0 else f"{equation.name}, torn at {tear:g}",
+        pressure_or_torn,
+        lambda s, gamma: np.maximum(equation.pressure_of(s, gamma), -tear),
         equation.density_of,
     )
