@@ -209,7 +209,7 @@ class Reference:
     def pressure(self, s, share, sweep, dt):
         """P of the force sweep: with packing and, where time passes, damping."""
         crowd = sweep.company / self.full_company
-        P = s + 0.1 * np.maximum(crowd - 1.25, 0.0)
+        P = np.maximum(s, -UNSHIFTED.tear) + 0.1 * np.maximum(crowd - 1.25, 0.0)
         return P + (dt > 0) * share * DAMPING * self.h / self.c_0 * sweep.rate / np.maximum(crowd**2, 1.0)
 
     def acceleration(self, now, P):
