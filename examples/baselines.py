@@ -5,7 +5,8 @@ scored on the held-out seeds of the test band. Leaves docs/baselines.json, the l
 docs/tasks.md, and the best policy of each task by the validation band in examples/policies/. Tasks that are not named
 keep what they have. Wants PyTorch and matplotlib (pip install "fluidgym-sph[plot,ppo]"). --jobs runs go on at a time, a
 thread each; with as many as there are cores, all tasks take two hours and a half on two. Runs that are done are kept in
---runs, so that after an interruption the same command goes on; empty that folder after a change of the tasks.
+--runs, so that after an interruption the same command goes on. After a change of the fluid, --rescore plays what was
+learnt before once more, and tells what it earns now; after a change of the tasks empty that folder.
 """
 
 import argparse
@@ -75,16 +76,20 @@ def learn(env_id: str, seed: int, chosen: argparse.Namespace) -> Policy:
     options = task_options(env_id, chosen)
     budget = f"{chosen.difficulty}-{chosen.worlds}x{chosen.steps}-{chosen.minutes:g}min"
     path = chosen.runs / f"{env_id.rpartition('/')[2]}-{budget}-{seed}.npz"
-    if path.exists():
-        return Policy.load(path)
     threads = 1 if chosen.jobs > 1 else None
-    begin = time.monotonic()
-    policy, curve = train(
-        env_id, chosen.difficulty, chosen.worlds, chosen.steps, chosen.minutes, seed, chosen.device, None, threads
-    )
-    run = {"minutes": (time.monotonic() - begin) / 60.0, "curve": thinned(curve)}
+    if path.exists():
+        policy = Policy.load(path)
+        if not chosen.rescore:
+            return policy
+        run = dict(policy.about["run"])
+    else:
+        begin = time.monotonic()
+        policy, curve = train(
+            env_id, chosen.difficulty, chosen.worlds, chosen.steps, chosen.minutes, seed, chosen.device, None, threads
+        )
+        run = {"minutes": (time.monotonic() - begin) / 60.0, "curve": thinned(curve)}
     for name, band in (("validated", VALIDATION), ("tested", TEST)):
-        run[name] = evaluate(policy, episodes=chosen.episodes, seeds=band, **options).mean
+        run[name] = evaluate(policy, episodes=chosen.episodes, seeds=band, threads=threads, **options).mean
     policy = replace(policy, about={**policy.about, "run": run})
     policy.save(path)
     return policy
@@ -211,6 +216,7 @@ def main() -> None:
         default=Path("outputs/baselines"),
         help="folder of finished runs (default: outputs/baselines)",
     )
+    parser.add_argument("--rescore", action="store_true", help="score finished runs again, in the fluid as it is now")
     parser.add_argument("--picture", action="store_true", help="draw a moment of each task, and nothing else")
     chosen = parser.parse_args()
     if chosen.picture:

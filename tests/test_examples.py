@@ -3,11 +3,14 @@
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
+
+from fluidgym.envs.policy import Policy
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 
@@ -54,6 +57,19 @@ def test_example_runs_where_its_library_is(name, tmp_path):
 def test_example_runs(name, tmp_path):
     result = run_example(name, *RUNS[name], folder=tmp_path)
     assert result.returncode == 0, result.stdout + result.stderr
+
+
+def test_baselines_score_what_was_learnt_before_once_more(tmp_path):
+    arguments = ["fluidgym/SpreadEven2D-v0", "--seeds", "1", "--worlds", "4", "--steps", "400", "--episodes", "2"]
+    arguments += ["--docs", ".", "--policies", "policies", "--runs", "runs", "--device", "cpu", "--jobs", "1"]
+    assert run_example("baselines.py", *arguments, folder=tmp_path).returncode == 0
+    (path,) = (tmp_path / "runs").glob("*.npz")
+    policy = Policy.load(path)
+    run = policy.about["run"]
+    replace(policy, about={**policy.about, "run": run | {"tested": -1.0, "validated": -1.0}}).save(path)
+    result = run_example("baselines.py", *arguments, "--rescore", folder=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert Policy.load(path).about["run"] == run  # the minutes and the curve of the training too
 
 
 @pytest.mark.parametrize(("dim", "resolution"), [(2, 16), (3, 8)])
