@@ -129,10 +129,12 @@ def elastic_energy(
     It is just what the pressure force of the scheme takes from the kinetic energy, for any state equation; for the
     linear one it is m c_0^2 s^2 / 2. Speed of sound [m/s] and gamma are those of the scene and the scheme unless given.
     """
-    s = density_error(particles, scene)[:, None]
-    share = 0.5 * s * (1.0 + _NODES)
-    pressure = scheme.pressure_law.pressure_of(share, scheme.gamma if gamma is None else gamma)
-    integral = (0.5 * s * pressure) @ _WEIGHTS
+    law, gamma = scheme.pressure_law, scheme.gamma if gamma is None else gamma
+    s = density_error(particles, scene)
+    pressure = law.pressure_of(s, gamma)
+    whole = law.density_of(pressure, gamma)  # s up to where fluid tears; the law has a kink there, and is flat beyond
+    share = 0.5 * whole[:, None] * (1.0 + _NODES)
+    integral = 0.5 * whole * (law.pressure_of(share, gamma) @ _WEIGHTS) + pressure * (s - whole)
     return scene.particle_mass * (sound_speed or scene.sound_speed) ** 2 * float(integral.sum())
 
 
