@@ -6,7 +6,8 @@ docs/tasks.md, and the best policy of each task by the validation band in exampl
 keep what they have. Wants PyTorch and matplotlib (pip install "fluidgym-sph[plot,ppo]"). --jobs runs go on at a time, a
 thread each; with as many as there are cores, all tasks take two hours and a half on two. Runs that are done are kept in
 --runs, so that after an interruption the same command goes on. After a change of the fluid, --rescore plays what was
-learnt before once more, and tells what it earns now; after a change of the tasks empty that folder.
+learnt before once more, and tells what it earns now; after a change of the tasks empty that folder. --levels scores
+those that learn nothing at every difficulty, in 2D and 3D, and puts that into docs/tasks.md; it takes half an hour.
 """
 
 import argparse
@@ -27,7 +28,7 @@ from ppo import train
 from tqdm import tqdm
 
 from fluidgym.envs import FluidEnv, FluidVectorEnv
-from fluidgym.envs.evaluation import TEST, VALIDATION, evaluate
+from fluidgym.envs.evaluation import BUILT_IN, TEST, VALIDATION, evaluate
 from fluidgym.envs.policy import Policy
 
 matplotlib.use("Agg")
@@ -35,6 +36,7 @@ import matplotlib.pyplot as plt
 
 HERE = Path(__file__).resolve().parent
 TABLE = "<!-- baselines -->"
+LEVELS = "<!-- levels -->"
 WORLDS = (1, 8, 64)
 TILE = (480, 300)  # of the picture of the tasks [pixels]
 
@@ -104,7 +106,7 @@ def measure(env_id: str, speeds: dict[str, float], policies: list[Policy], chose
     finer = {**options, "resolution": 2 * env.task.resolution}
     env.close()
     row["env_steps_per_s"] = speeds
-    for name in ("null", "scripted"):
+    for name in BUILT_IN:
         score = evaluate(name, episodes=chosen.episodes, seeds=TEST, **options)
         row[name] = {"mean": score.mean, "margin": score.margin, "parts": score.parts}
     runs = [policy.about["run"] for policy in policies]
@@ -195,6 +197,28 @@ def table(rows: dict) -> str:
     return "\n".join(lines)
 
 
+def levels(ids: list[str], chosen: argparse.Namespace) -> str:
+    """What doing nothing and the scripted controller earn at each difficulty, as Markdown."""
+    lines = ["| id | easy: null, scripted | medium | hard |", "| --- | --- | --- | --- |"]
+    for env_id in tqdm(ids, unit="task", disable=None):
+        cells = [f"`{env_id.rpartition('/')[2]}`"]
+        for difficulty in ("easy", "medium", "hard"):
+            options = {**gym.spec(env_id).kwargs, "difficulty": difficulty, "device": chosen.device}
+            scores = [evaluate(name, episodes=chosen.episodes, seeds=TEST, **options) for name in BUILT_IN]
+            cells.append(", ".join(f"{score.mean:.1f} ± {score.margin:.1f}" for score in scores))
+        lines.append(f"| {' | '.join(cells)} |")
+        print(lines[-1], flush=True)
+    return "\n".join(lines)
+
+
+def put(text: str, between: str, page: Path) -> None:
+    """Put a text between two marks of a page, where there is one."""
+    if page.exists():
+        before, _, rest = page.read_text().partition(between)
+        _, _, after = rest.partition(between)
+        page.write_text(f"{before}{between}\n\n{text}\n\n{between}{after}")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("ids", nargs="*", metavar="ID", help="environments (default: all in 2D)")
@@ -217,12 +241,20 @@ def main() -> None:
         help="folder of finished runs (default: outputs/baselines)",
     )
     parser.add_argument("--rescore", action="store_true", help="score finished runs again, in the fluid as it is now")
+    parser.add_argument("--levels", action="store_true", help="score those that learn nothing at every difficulty")
     parser.add_argument("--picture", action="store_true", help="draw a moment of each task, and nothing else")
     chosen = parser.parse_args()
     if chosen.picture:
         picture(chosen.docs / "tasks.png")
         return
-    every = [name for name in gym.registry if name.startswith("fluidgym/") and "2D" in name]
+    page = chosen.docs / "tasks.md"
+    every = [name for name in gym.registry if name.startswith("fluidgym/")]
+    if chosen.levels:
+        found = levels(chosen.ids or every, chosen)
+        if not chosen.ids:
+            put(found, LEVELS, page)
+        return
+    every = [name for name in every if "2D" in name]
     kept = chosen.docs / "baselines.json"
     rows = json.loads(kept.read_text()) if kept.exists() else {}
     ids = chosen.ids or every
@@ -244,11 +276,7 @@ def main() -> None:
         rows = {name: rows[name] for name in gym.registry if name in rows}
         kept.write_text(json.dumps(rows))
         draw(rows, chosen.docs / "learning_curves.png")
-        page = chosen.docs / "tasks.md"
-        if page.exists():
-            before, _, rest = page.read_text().partition(TABLE)
-            _, _, after = rest.partition(TABLE)
-            page.write_text(f"{before}{TABLE}\n\n{table(rows)}\n\n{TABLE}{after}")
+        put(table(rows), TABLE, page)
         print(table({env_id: rows[env_id]}), flush=True)
 
 

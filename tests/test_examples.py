@@ -72,6 +72,15 @@ def test_baselines_score_what_was_learnt_before_once_more(tmp_path):
     assert Policy.load(path).about["run"] == run  # the minutes and the curve of the training too
 
 
+@pytest.mark.slow
+def test_baselines_score_every_difficulty(tmp_path):
+    arguments = ["fluidgym/SpreadEven2D-v0", "--levels", "--episodes", "1", "--device", "cpu"]
+    result = run_example("baselines.py", *arguments, folder=tmp_path)
+    assert result.returncode == 0, result.stderr
+    row = next(line for line in result.stdout.splitlines() if "SpreadEven2D" in line)
+    assert len(re.findall(r"-?\d+\.\d ± ", row)) == 6
+
+
 @pytest.mark.parametrize(("dim", "resolution"), [(2, 16), (3, 8)])
 def test_dam_break_leaves_a_table_a_picture_and_a_film(dim, resolution, tmp_path):
     options = ["--dim", str(dim), "--resolution", str(resolution), "--seconds", "0.5", "--device", "cpu"]
