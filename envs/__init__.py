@@ -1,6 +1,6 @@
 """The Gymnasium layer: tasks, the runner that steps them, and the environments.
 
-A new task is one file in `envs/tasks/` and its line here.
+A new task is one file in `envs/tasks/`, its line here, and its ids in `fluidgym/__init__.py`.
 """
 
 from importlib import import_module

@@ -23,7 +23,7 @@ class Drive:
         max_acceleration: [m/s2].
         command: What a command in -1 to 1 is a share of: "velocity" of max_speed, "acceleration" of max_acceleration.
         interval: Time between commands [s].
-        name: What it is, as options have it.
+        names: What options call the largest speed and the largest acceleration.
 
     Raises:
         ValueError: A field is out of its limits.
@@ -34,17 +34,14 @@ class Drive:
     max_acceleration: float
     command: Command | str
     interval: float
-    name: str = "wall"
+    names: tuple[str, str] = ("max_speed", "max_acceleration")
 
     def __post_init__(self) -> None:
         if self.command not in get_args(Command):
             raise ValueError(f"command = {self.command!r} is unknown; use {' or '.join(map(repr, get_args(Command)))}")
-        for name, value, unit in (
-            (f"max_{self.name}_speed", self.max_speed, "m/s"),
-            (f"max_{self.name}_acceleration", self.max_acceleration, "m/s2"),
-        ):
+        for name, value in zip(self.names, (self.max_speed, self.max_acceleration), strict=True):
             if not (isinstance(value, int | float | np.number) and math.isfinite(value) and value > 0.0):
-                raise ValueError(f"{name} = {value!r} {unit} must be finite and above 0; give a positive number")
+                raise ValueError(f"{name} = {value!r} must be finite and above 0; give a positive number")
 
     def next_velocity(self, command: np.ndarray, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """The velocity at the end of the next interval, reached at constant acceleration.

@@ -23,8 +23,8 @@ from fluidgym.sph.measure import Measure
 
 GRAVITY = 9.81  # [m/s2]
 
-# Past these a world has blown up, though its numbers may still be finite: impacts reach 0.1 to 0.2, and three times the
-# reference speed, a tenth of that of sound.
+# Past these a world has blown up, though its numbers may still be finite: the worst actions come to density errors of
+# 0.3 and half the speed of sound, as a rule to 0.1 and three times the reference speed.
 LARGEST_DENSITY_ERROR = 0.5
 LARGEST_SPEED = 1.0  # over that of sound
 
@@ -122,7 +122,8 @@ class FluidTask(Task):
             dim: Number of dimensions.
             difficulty: "easy", "medium" or "hard": fidelity, resolution, grid, control interval, and how far starts,
                 disturbance and viscosity range, unless they are given.
-            resolution: Particles over the length that the task counts them along; None is that of the fidelity.
+            resolution: Particles over the length that the task counts them along; None is that of the
+                fidelity or, if neither that nor a scheme is given, of the difficulty.
             obs: "flat" is one vector, "grid" (channel, ny, nx) or (channel, nz, ny, nx), "image", in 2D, uint8 (row,
                 column, channel), at least 40 pixels each way.
             grid: Cells of the coarse grid, (ny, nx) or (nz, ny, nx).

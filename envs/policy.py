@@ -58,7 +58,8 @@ class Policy:
         if (seen, acts) != (len(self.mean), len(self.biases[-1])):
             raise ValueError(
                 f"Policy sees {len(self.mean)} numbers and gives {len(self.biases[-1])}, the task has {seen} and"
-                f" {acts}; use it on {self.about.get('task', 'the task it was trained on')}, as it was trained"
+                f" {acts}; use it on {self.about.get('task', 'the task it was trained on')}, difficulty"
+                f" {self.about.get('difficulty', 'and options')}, as it was trained"
             )
 
     def save(self, path: Path) -> None:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, replace
+from importlib.util import find_spec
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -306,7 +307,7 @@ def _add_benchmark(commands: argparse._SubParsersAction) -> None:
     parser.add_argument("--features", action="store_true", help="what each feature adds to a step, on still water")
     parser.add_argument("--dim", type=int, choices=(2, 3), help="only this dimension")
     parser.add_argument("--particles", nargs="+", type=int, metavar="N", help="about so many in a world, each in turn")
-    parser.add_argument("--worlds", nargs="+", type=int, metavar="N", help="worlds in a batch (default: 1)")
+    parser.add_argument("--worlds", nargs="+", type=int, metavar="N", help="worlds in a batch, each in turn")
     parser.add_argument("--threads", nargs="+", type=int, metavar="N", help="threads of a CPU that share the worlds")
     parser.add_argument("--device", help="cpu, cuda, cuda:1, ...; a GPU where there is one if not given")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the results to this file as well")
@@ -602,7 +603,7 @@ def _add_evaluate(commands: argparse._SubParsersAction) -> None:
     parser.add_argument(
         "--policy", nargs="+", default=["null", "scripted"], metavar="NAME|FILE", help="(default: null scripted)"
     )
-    parser.add_argument("--difficulty", default="medium", help="easy, medium or hard (default: medium)")
+    _add_difficulty(parser)
     parser.add_argument("--resolution", type=int, metavar="N", help="particles over the length the task counts along")
     parser.add_argument("--episodes", type=int, default=32, metavar="N", help="of each (default: 32)")
     parser.add_argument("--device", help="cpu, cuda, cuda:1, ...; a GPU where there is one if not given")
@@ -620,7 +621,8 @@ def evaluate(chosen: argparse.Namespace) -> int:
         environments = _environments(chosen.ids)
         controllers = {name: _controller(name) for name in chosen.policy}
         _check_file("--json", chosen.json)
-        options = {"difficulty": chosen.difficulty, "resolution": chosen.resolution}
+        difficulty = _difficulty(chosen.difficulty, controllers.values())
+        options = {"difficulty": difficulty, "resolution": chosen.resolution}
         for env_id, given in environments.items():
             posed = {**given, **options}
             steps = make_task(posed.pop("task"), **posed).max_episode_steps
@@ -630,7 +632,7 @@ def evaluate(chosen: argparse.Namespace) -> int:
                         controller, **given, **options, episodes=chosen.episodes, device=chosen.device,
                         progress=bar.update,
                     )  # fmt: skip
-                print(f"{env_id} {chosen.difficulty} {name}: {score}", flush=True)
+                print(f"{env_id} {difficulty} {name}: {score}", flush=True)
                 row = {"id": env_id, **options, "policy": name, "mean": score.mean, "margin": score.margin}
                 rows.append({**row, "episodes": chosen.episodes, "diverged": score.diverged, "parts": score.parts})
                 if chosen.json:
@@ -651,6 +653,18 @@ def _controller(name: str) -> Any:
     return name if name in BUILT_IN else Policy.load(Path(name))
 
 
+def _add_difficulty(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--difficulty", help="easy, medium or hard (default: what the policy was trained at, if it is a file; medium)"
+    )
+
+
+def _difficulty(asked: str | None, controllers: Iterable[Any]) -> str:
+    """What was asked for, or what the first of the trained controllers was trained at, or medium."""
+    trained = (one.about.get("difficulty") for one in controllers if not isinstance(one, str))
+    return asked or next(filter(None, trained), "medium")
+
+
 def _posed(name: str, policy: str, chosen: argparse.Namespace, mode: str | None = None) -> tuple[Any, Any]:
     """An environment, and a controller that fits it.
 
@@ -661,7 +675,8 @@ def _posed(name: str, policy: str, chosen: argparse.Namespace, mode: str | None 
 
     ((_, given),) = _environments([name]).items()
     controller = _controller(policy)
-    env = FluidEnv(**given, difficulty=chosen.difficulty, device=chosen.device, render_mode=mode)
+    difficulty = _difficulty(chosen.difficulty, [controller])
+    env = FluidEnv(**given, difficulty=difficulty, device=chosen.device, render_mode=mode)
     if not isinstance(controller, str):
         controller.check(env.task)
     return env, controller
@@ -677,7 +692,7 @@ def _add_play(commands: argparse._SubParsersAction) -> None:
     parser.add_argument(
         "--policy", default="scripted", metavar="NAME|FILE", help="null, scripted, or a file (scripted)"
     )
-    parser.add_argument("--difficulty", default="medium", help="easy, medium or hard (default: medium)")
+    _add_difficulty(parser)
     parser.add_argument("--seed", type=int, default=0, help="of the episode (default: 0)")
     parser.add_argument("--film", type=Path, metavar="FILE", help="a .gif or .mp4; a window if not given")
     parser.add_argument("--device", help="cpu, cuda, cuda:1, ...; a GPU where there is one if not given")
@@ -690,13 +705,13 @@ def play(chosen: argparse.Namespace) -> int:
     from fluidgym.render.film import write_gif, write_mp4
 
     try:
-        _check_file("--film", chosen.film)
+        _check_screen(chosen.film)
         mode = "rgb_array" if chosen.film else "human"
         env, controller = _posed(chosen.id, chosen.policy, chosen, mode)
         observation, _ = env.reset(seed=chosen.seed)
     except ValueError as error:
         return _refuse(str(error))
-    task, frames, total, ended = env.task, [], 0.0, False
+    task, frames, total, ended, interrupted = env.task, [], 0.0, False, False
     try:
         with tqdm(total=task.max_episode_steps, desc=chosen.id, unit="step", leave=False, disable=None) as bar:
             while not ended:
@@ -706,14 +721,34 @@ def play(chosen: argparse.Namespace) -> int:
                 if chosen.film:
                     frames.append(env.render())
                 bar.update(1)
+    except KeyboardInterrupt:
+        interrupted = True
     finally:
         env.close()
-    if chosen.film:
+    if frames:  # those of half an episode, too
         write = write_mp4 if chosen.film.suffix == ".mp4" else write_gif
         write(chosen.film, frames, 1.0 / task.control_interval)
         print(chosen.film)
-    print(f"{chosen.id} {chosen.difficulty} {chosen.policy}: return {total:.1f} in {info['time']:.1f} s")
+    if interrupted:
+        print(f"interrupted: return {total:.1f} until then", file=sys.stderr)
+        return INTERRUPTED
+    print(f"{chosen.id} {task.difficulty} {chosen.policy}: return {total:.1f} in {info['time']:.1f} s")
     return 0
+
+
+def _check_screen(film: Path | None) -> None:
+    """Refuse a film, or a window, that could not be shown in the end."""
+    if film is None:
+        if find_spec("pygame") is None:
+            raise ValueError('a window needs pygame: pip install "fluidgym-sph[render]", or give --film FILE.gif')
+        if not any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER")):
+            raise ValueError("there is no screen for a window (DISPLAY is not set); give --film FILE.gif")
+        return
+    _check_file("--film", film)
+    if film.suffix not in (".gif", ".mp4"):
+        raise ValueError(f"--film {film} is of no kind that can be written; let it end in .gif or .mp4")
+    if film.suffix == ".mp4" and find_spec("imageio_ffmpeg") is None:
+        raise ValueError('an MP4 film needs imageio-ffmpeg: pip install "fluidgym-sph[render]", or make a GIF')
 
 
 def _add_stress(commands: argparse._SubParsersAction) -> None:
@@ -834,7 +869,7 @@ def _add_view(commands: argparse._SubParsersAction) -> None:
     parser.add_argument(
         "--policy", metavar="NAME|FILE", help="null, scripted, or a file; by hand if not given (environments only)"
     )
-    parser.add_argument("--difficulty", default="medium", help="easy, medium or hard (default: medium)")
+    _add_difficulty(parser)
     parser.add_argument("--seed", type=int, default=0, help="of the first episode (default: 0)")
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default: 127.0.0.1, this machine)")
     parser.add_argument("--port", type=int, default=8080, help="or the next that is free (default: 8080)")

@@ -21,7 +21,7 @@ from fluidgym.sph.wall_models import MIRROR_WALLS, MirrorWalls, PenaltyWalls, Wa
 
 # Lowest and highest value of each number, and what to use.
 LIMITS = {
-    "smoothing_ratio": (1.0, 3.0, "1.3 to 2"),
+    "smoothing_ratio": (1.0, 3.0, "1.5 to 2.2"),
     "gamma": (1.0, 10.0, "7"),
     "density_diffusion": (0.0, 0.5, "0.1"),
     "artificial_viscosity": (0.0, 1.0, "0.0003 to 0.01"),

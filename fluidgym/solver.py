@@ -302,8 +302,8 @@ class Solver:
 
         Args:
             changes: viscosity [m2/s], sound_speed [m/s], thermal_diffusivity [m2/s], central_force [1/s2], gamma,
-                density_diffusion, artificial_viscosity, and of the walls of the scheme wall_stiffness [(c_0/h)^2],
-                wall_margin [spacings] and wall_damping: one number, or one for each world (world,).
+                density_diffusion, artificial_viscosity, acoustic_damping, and of the walls of the scheme wall_stiffness
+                [(c_0/h)^2], wall_margin [spacings] and wall_damping: one number, or one for each world (world,).
 
         Raises:
             ValueError: A name is unknown or a value out of its limits; nothing has happened then.

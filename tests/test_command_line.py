@@ -2,6 +2,7 @@
 
 import csv
 import dataclasses
+import importlib.util
 import json
 import math
 import re
@@ -15,6 +16,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+import fluidgym.__main__
 from fluidgym import accuracy_card, benchmark, paraview, recording, speed
 from fluidgym.__main__ import INTERRUPTED, _environments, main
 from fluidgym.envs.evaluation import evaluate
@@ -784,6 +786,36 @@ def test_a_controller_is_shown_in_a_film(short_carry, tmp_path, capsys):
     assert "fluidgym/CarryTank2D-v0 easy scripted: return" in capsys.readouterr().out
 
 
+def test_a_trained_controller_plays_at_the_difficulty_it_was_trained_at(short_carry, tmp_path, capsys):
+    policy = str(Path(__file__).resolve().parents[1] / "examples" / "policies" / "CarryTank2D-v0.npz")
+    options = ["CarryTank2D-v0", "--policy", policy, "--device", "cpu"]
+    assert main(["play", *options, "--film", str(tmp_path / "film.gif")]) == 0
+    assert "CarryTank2D-v0 easy" in capsys.readouterr().out
+    assert main(["evaluate", *options, "--episodes", "1"]) == 0
+    assert "CarryTank2D-v0 easy" in capsys.readouterr().out
+    assert main(["evaluate", *options, "--difficulty", "medium"]) == 2
+    assert "use it on fluidgym/CarryTank2D-v0, difficulty easy, as it was trained" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "without", "said"),
+    [
+        ("", "pygame", 'a window needs pygame: pip install "fluidgym-sph[render]", or give --film FILE.gif'),
+        ("", "", "there is no screen for a window (DISPLAY is not set); give --film FILE.gif"),
+        ("--film a.mp4", "imageio_ffmpeg", 'an MP4 film needs imageio-ffmpeg: pip install "fluidgym-sph[render]", or'),
+    ],
+)
+def test_what_cannot_be_shown_is_told_before_it_is_played(arguments, without, said, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    found = importlib.util.find_spec
+    monkeypatch.setattr(fluidgym.__main__, "find_spec", lambda name: None if name == without else found(name))
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"):
+        monkeypatch.delenv(name, raising=False)
+    assert main(["play", "CarryTank2D-v0", "--device", "cpu", *arguments.split()]) == 2
+    assert said in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
@@ -791,8 +823,13 @@ def test_a_controller_is_shown_in_a_film(short_carry, tmp_path, capsys):
         ("evaluate CarryTank2D-v0 --policy gone.npz", "policy = 'gone.npz' does not exist"),
         ("evaluate CarryTank2D-v0 --difficulty mean", "difficulty = 'mean' is unknown; use 'easy', 'medium', 'hard'"),
         ("evaluate CarryTank2D-v0 --episodes 0 --difficulty easy", "episodes = 0 is outside 1 to"),
-        ("play CarryTank2D-v0 --policy gone.npz", "policy = 'gone.npz' does not exist"),
+        ("play CarryTank2D-v0 --policy gone.npz --film a.gif", "policy = 'gone.npz' does not exist"),
         ("play CarryTank2D-v0 --film here/there.gif", "--film here/there.gif: there is no such folder"),
+        (
+            "play CarryTank2D-v0 --film film.avi",
+            "--film film.avi is of no kind that can be written; let it end in .gif",
+        ),
+        ("play CarryTank2D-v0 --policy null --film a.gif --difficulty mean", "difficulty = 'mean' is unknown"),
         ("play CarryTank2D-v0 --seed -1 --film a.gif --difficulty easy", "seed = -1 must be a whole number"),
     ],
 )

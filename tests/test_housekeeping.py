@@ -12,6 +12,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.vector import AsyncVectorEnv
+from PIL import Image
 from stable_baselines3.common.vec_env import SubprocVecEnv
 
 from fluidgym import solver
@@ -162,3 +163,5 @@ def test_an_interrupt_is_told_in_a_line_and_leaves_no_half_file(command, files, 
     for name in left:
         if name.endswith(".json"):
             json.loads((tmp_path / name).read_text())
+        if name == "film.gif":  # what was seen until then
+            assert Image.open(tmp_path / name).n_frames >= 1

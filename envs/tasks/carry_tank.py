@@ -79,7 +79,7 @@ class CarryTank(FluidTask):
         self.actions = axes
         self.numbers = [(-1.0, 1.0)] * (2 * axes) + [(0.0, 1.0)]
         super().__init__(**common)
-        self.cart = Drive((-ROOM, ROOM), max_speed, max_acceleration, command, self.control_interval, "tank")
+        self.cart = Drive((-ROOM, ROOM), max_speed, max_acceleration, command, self.control_interval)
         self.reference_speed = math.sqrt(GRAVITY * DEPTH)
         size = self.boxes[self.dim]
         self.scene = Scene(

@@ -107,7 +107,8 @@ class DamBreakContain(WallTask):
 
     def driven(self, speed: float, acceleration: float, command: str) -> Drive:
         """What an action drives: the right wall."""
-        return Drive(TRAVEL, speed, acceleration, command, self.control_interval)
+        names = "max_wall_speed", "max_wall_acceleration"
+        return Drive(TRAVEL, speed, acceleration, command, self.control_interval, names)
 
     def whole_scene(self, column: tuple[int, ...]) -> Scene:
         """The tank with a column of so many particles along each axis, and what is driven."""
@@ -119,7 +120,7 @@ class DamBreakContain(WallTask):
         return (0.0,) * self.dim, (ZONE_WIDTH, *BOX[self.dim][1:-1], ZONE_HEIGHT)
 
     def splash_height(self) -> float:
-        """Twice that of the column at rest."""
+        """A fifth above the top of the column at rest."""
         return SPLASH_HEIGHT
 
     # -- a start -------------------------------------------------------------------------------------------------
@@ -195,7 +196,8 @@ class DamBreakGate(DamBreakContain):
 
     def driven(self, speed: float, acceleration: float, command: str) -> Drive:
         """What an action drives: the gate."""
-        return Drive((0.0, GATE_OPEN), speed, acceleration, command, self.control_interval, "gate")
+        names = "max_gate_speed", "max_gate_acceleration"
+        return Drive((0.0, GATE_OPEN), speed, acceleration, command, self.control_interval, names)
 
     def whole_scene(self, column: tuple[int, ...]) -> Scene:
         """The tank with the gate above the floor."""

@@ -34,7 +34,8 @@ class LevelHold(FluidTask):
     0.7 m), and the time.
 
     Reward, from -0.25 to 1: hold - 0.2 splash - 0.05 effort. Hold is 1 at the level asked for and 0 where the level is
-    a quarter of that off; splash the share of the water that is 0.2 m above it; effort the change of the inflow.
+    a quarter of that off; splash the share of the water higher than 0.57 m over the floor; effort the change of the
+    inflow.
 
     The level asked for changes once in an episode, at a time of its own. By Torricelli's law a level h drives water out
     at sqrt(2 g h), in a jet that is narrower than the slot; the scripted controller lets in just as much, and more or

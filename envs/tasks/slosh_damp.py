@@ -31,8 +31,9 @@ class SloshDamp(WallTask):
     Reward, from -0.1 to 1: calm - 0.1 effort. Calm is 1 where the water is at rest and 0 where its rms speed is 0.3 of
     sqrt(g H).
 
-    The ground swings for the whole episode at 0.85 to 1.15 times 0.815 Hz (omega^2 = g k tanh(k H), k = pi/L). A wall
-    that gives way to the waves as open water would takes their energy, which is what the scripted controller does.
+    The ground swings for the whole episode within `variation` of 15 % of 0.815 Hz (omega^2 = g k tanh(k H),
+    k = pi/L). A wall that gives way to the waves as open water would takes their energy, which is what the scripted
+    controller does.
     """
 
     title = "SloshDamp"
@@ -66,7 +67,7 @@ class SloshDamp(WallTask):
         """
         super().__init__(**common)
         travel = (LENGTH - ROOM, LENGTH + ROOM)
-        self.wall = Drive(travel, max_speed, max_acceleration, command, self.control_interval, "wall")
+        self.wall = Drive(travel, max_speed, max_acceleration, command, self.control_interval)
         self.reference_speed = math.sqrt(GRAVITY * DEPTH)
         self.scene = Scene(
             lower=(0.0, 0.0),

@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from fluidgym.checks import check_range
 from fluidgym.envs import rewards
 from fluidgym.envs.actuators import Drive
 from fluidgym.envs.fluid_task import GRAVITY, FluidTask, Level
@@ -22,8 +23,9 @@ LENGTH = 2.0  # of the box [m]
 class SpreadEven(FluidTask):
     """A lump of water falls apart in a box; tilting that is to spread the water evenly over the floor, soon.
 
-    Action (1,): slope of the floor, or how fast it changes, as a share of the largest. Positive raises the left end, so
-    that the water runs to the right. The box turns slowly enough for the slope to be a turn of gravity and no more.
+    Action (1,): how fast the slope of the floor changes or, with command="acceleration", how fast that does, as a share
+    of the largest. Positive raises the left end, so that the water runs to the right. The box turns slowly enough for
+    the slope to be a turn of gravity and no more.
 
     Observation: the fluid on a coarse grid; the slope and its rate of change (-1 to 1), and the time.
 
@@ -63,7 +65,9 @@ class SpreadEven(FluidTask):
             ValueError: An argument is out of its limits.
         """
         super().__init__(**common)
-        self.tilt = Drive((-max_slope, max_slope), max_rate, 8.0 * max_rate, command, self.control_interval, "tilt")
+        check_range("max_slope", max_slope, 0.01, 1.0, "0.1 to 0.3")
+        travel, names = (-max_slope, max_slope), ("max_rate", "max_rate")
+        self.tilt = Drive(travel, max_rate, 8.0 * max_rate, command, self.control_interval, names)
         self.reference_speed = math.sqrt(2.0 * GRAVITY * HEIGHT)
         self._width = round(WIDTH / self.spacing) * self.spacing
         self.scene = self._scene(0.0)

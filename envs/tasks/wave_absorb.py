@@ -29,7 +29,7 @@ class WaveAbsorb(WallTask):
     Action (1,): velocity or acceleration of the piston as a share of the largest, positive to the right.
 
     Observation: the fluid on a coarse grid; the piston's position (-1 to 1 over its travel) and velocity (-1 to 1), the
-    wavemaker's velocity (-1 to 1 over the largest), and the time.
+    wavemaker's velocity (-1 to 1 over one and a half times the largest), and the time.
 
     Reward, from -0.1 to 1: calm - 0.1 effort. Calm is 1 where the water is at rest and 0 where its rms speed is 0.12 of
     sqrt(g H).
@@ -70,7 +70,7 @@ class WaveAbsorb(WallTask):
         """
         super().__init__(**common)
         travel = (LENGTH - ROOM, LENGTH + ROOM)
-        self.wall = Drive(travel, max_speed, max_acceleration, command, self.control_interval, "piston")
+        self.wall = Drive(travel, max_speed, max_acceleration, command, self.control_interval)
         self.reference_speed = math.sqrt(GRAVITY * DEPTH)
         self._top = math.pi * STROKE / 1.1  # of the wavemaker's speed
         self.scene = Scene(
