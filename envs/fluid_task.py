@@ -14,6 +14,7 @@ import warp as wp
 from gymnasium import spaces
 
 from fluidgym.checks import check_choice, check_type
+from fluidgym.diagnostics import LARGEST_COMPRESSION, LARGEST_VOID
 from fluidgym.envs import observations, rewards
 from fluidgym.envs.task import Task
 from fluidgym.scene import Material, Particles
@@ -23,9 +24,7 @@ from fluidgym.sph.measure import Measure
 
 GRAVITY = 9.81  # [m/s2]
 
-# Past these a world has blown up, though its numbers may still be finite: the worst actions come to density errors of
-# 0.3 and half the speed of sound, as a rule to 0.1 and three times the reference speed.
-LARGEST_DENSITY_ERROR = 0.5
+# Past this a world has blown up, as past LARGEST_COMPRESSION and LARGEST_VOID: the worst actions come to half of it.
 LARGEST_SPEED = 1.0  # over that of sound
 
 # What every task remembers of each world.
@@ -390,7 +389,7 @@ class FluidTask(Task):
         fluid = self.fluid
         self._signs = {
             "not finite": fluid["broken"] > 0,
-            "density": fluid["density_error"] > LARGEST_DENSITY_ERROR,
+            "density": (fluid["compression"] > LARGEST_COMPRESSION) | (fluid["void"] > LARGEST_VOID),
             "speed": fluid["speed"] > LARGEST_SPEED * self.scene.sound_speed,
         }
         if self._closed:

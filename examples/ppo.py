@@ -1,8 +1,8 @@
 """Train a controller by proximal policy optimisation: python examples/ppo.py fluidgym/CarryTank2D-v0
 
 Wants PyTorch (pip install "fluidgym-sph[ppo]"). Leaves a policy that `python -m fluidgym play ID --policy FILE` shows
-and `evaluate ID --policy FILE` scores, at the difficulty that it was trained at, and its learning curve. Schulman et al. 2017; observations and returns are
-scaled by running estimates, as Gymnasium's wrappers do.
+and `evaluate ID --policy FILE` scores, at the difficulty that it was trained at, and its learning curve. Schulman et
+al. 2017; observations and returns are scaled by running estimates, as Gymnasium's wrappers do.
 """
 
 import argparse

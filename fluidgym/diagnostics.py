@@ -6,6 +6,7 @@ one world of a solver and returns all of them.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -15,6 +16,11 @@ from fluidgym.scene import Particles, Scene, face_names
 from fluidgym.scheme import DEFAULT_SCHEME, Scheme
 from fluidgym.shapes import Ball
 from fluidgym.solver import Solver
+
+# Past these fluid has blown up, though its numbers may still be finite. The worst actions compress it by 0.1 to 0.3.
+# Where it has torn, 1 - rho/rho_0 is the share that is void, which has no pressure; more than all of it cannot be.
+LARGEST_COMPRESSION = 0.5
+LARGEST_VOID = 1.0
 
 # Nodes and weights on [-1, 1] of the quadrature for elastic energy; exact to rounding for any smooth state equation.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
@@ -41,6 +47,7 @@ class Measurement:
         largest_speed: [m/s].
         largest_density_error: Largest |rho/rho_0 - 1|.
         rms_density_error: Root mean square of rho/rho_0 - 1.
+        largest_compression: Largest rho/rho_0 - 1; 0 where all are thinner.
     """
 
     time: float
@@ -59,6 +66,13 @@ class Measurement:
     largest_speed: float
     largest_density_error: float
     rms_density_error: float
+    largest_compression: float
+
+    @property
+    def credible(self) -> bool:
+        """Whether nothing has blown up."""
+        dense, thin = self.largest_compression, self.largest_density_error
+        return math.isfinite(self.energy) and dense < LARGEST_COMPRESSION and thin < LARGEST_VOID
 
     @property
     def energy(self) -> float:
@@ -96,6 +110,7 @@ def measure(solver: Solver, world: int = 0) -> Measurement:
         largest_speed=largest_speed(particles),
         largest_density_error=float(np.abs(density_error(particles, scene)).max(initial=0.0)),
         rms_density_error=_rms(density_error(particles, scene)),
+        largest_compression=float(density_error(particles, scene).max(initial=0.0)),
     )
 
 

@@ -32,9 +32,6 @@ FILMS = ("gif", "mp4", "none")
 LARGEST_FILM = 1.5e9  # [bytes]
 MOST_SAVES = 100_000
 
-# Past this a run has blown up, though its numbers may still be finite: impacts reach 0.1 to 0.2.
-LARGEST_DENSITY_ERROR = 0.5
-
 # Up to here a run is as weakly compressible as it should be; beyond the second its pressures are of little worth.
 GOOD_DENSITY_ERROR, FAIR_DENSITY_ERROR = 0.01, 0.03
 
@@ -179,7 +176,7 @@ def _go(experiment: Experiment, found: Record, keeper: _Keeper, progress: Callab
         measured = measure(solver)
         found.measured.append(measured)
         keeper.keep(measured, frame_due, save_due)
-        if not (math.isfinite(measured.energy) and measured.largest_density_error < LARGEST_DENSITY_ERROR):
+        if not measured.credible:
             found.broken_down = True
             found.failure = (
                 f"the run has broken down at {now:.4g} s, with a density error of {measured.largest_density_error:.2g};"

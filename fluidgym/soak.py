@@ -2,7 +2,7 @@
 
 Every episode of every world has a plan of actions of its own, drawn up before it begins: a random walk, one bang after
 another, an extreme held, a beat near the sloshing frequencies, white noise; or a plan that did badly before, changed a
-little, which is a search for what breaks. How badly is the largest density error, for that is what grows before a world
+little, which is a search for what breaks. How badly is the largest compression, for that is what grows before a world
 blows up. A world does not depend on its neighbours, so task, options, seed and plan are all it takes to see it again.
 """
 
@@ -44,12 +44,13 @@ class Report:
         seconds: That it took.
         diverged: Episodes that ended so.
         reasons: How often each reason was given.
-        density_error: The largest |rho / rho_0 - 1| but those of worlds that diverged.
+        compression: The largest rho / rho_0 - 1 but those of worlds that diverged.
+        void: The largest 1 - rho / rho_0, likewise: of fluid that has torn.
         speed: The largest over that of sound, likewise.
         clamped: The most particles that a wall or body had to put right in one step of one world.
         penetration: The farthest that a particle was found beyond a wall, over the spacing.
         mass_error: Particles that were neither there nor accounted for.
-        worst: Of each kind of plan the largest density error.
+        worst: Of each kind of plan the largest compression.
         files: What replays the failures.
     """
 
@@ -59,7 +60,8 @@ class Report:
     seconds: float = 0.0
     diverged: int = 0
     reasons: dict[str, int] = field(default_factory=dict)
-    density_error: float = 0.0
+    compression: float = 0.0
+    void: float = 0.0
     speed: float = 0.0
     clamped: int = 0
     penetration: float = 0.0
@@ -80,9 +82,9 @@ class Report:
     def __str__(self) -> str:
         reasons = f" ({', '.join(f'{name} {n}' for name, n in self.reasons.items())})" if self.reasons else ""
         return (
-            f"{self.steps} steps, {self.diverged} diverged{reasons}, {self.per_million:.0f} per million, density error"
-            f" to {self.density_error:.2f}, speed to {self.speed:.2f} c_0, {self.penetration:.2g} spacings beyond a"
-            f" wall, {self.mass_error} particles missing or twice"
+            f"{self.steps} steps, {self.diverged} diverged{reasons}, {self.per_million:.0f} per million, compression"
+            f" to {self.compression:.2f}, void to {self.void:.2f}, speed to {self.speed:.2f} c_0,"
+            f" {self.penetration:.2g} spacings beyond a wall, {self.mass_error} particles missing or twice"
         )
 
 
@@ -200,10 +202,11 @@ def soak(
         at += 1
         report.steps += worlds
         fluid, broke = posed.fluid, outcome.terminated & outcome.info["diverged"]
-        bad = np.maximum(bad, np.where(broke, 1.0, np.nan_to_num(fluid["density_error"], nan=1.0)))
+        bad = np.maximum(bad, np.where(broke, 1.0, np.nan_to_num(fluid["compression"], nan=1.0)))
         sound = ~broke
         if sound.any():
-            report.density_error = max(report.density_error, float(fluid["density_error"][sound].max()))
+            report.compression = max(report.compression, float(fluid["compression"][sound].max()))
+            report.void = max(report.void, float(fluid["void"][sound].max()))
             report.speed = max(report.speed, float(fluid["speed"][sound].max()) / posed.scene.sound_speed)
         report.clamped = max(report.clamped, int(outcome.info["clamped"].max()))
         if report.steps // worlds % LOOK == 0:

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from fluidgym.diagnostics import elastic_energy, front, kinetic_energy, potential_energy, rms_speed
+from fluidgym.diagnostics import LARGEST_COMPRESSION, elastic_energy, front, kinetic_energy, potential_energy, rms_speed
 from fluidgym.envs import TASKS
 from fluidgym.scene import OPEN, Body, Box, Face, Fluid, Inflow, Material, Particles, Scene, face_names
 from fluidgym.scheme import Scheme
@@ -537,9 +537,11 @@ def markdown(found: Found, machine: Mapping[str, Any], command: str) -> str:
     if found.soaked:
         head = (
             "environment",
+            "minutes",
             "steps",
             "diverged, per million",
-            "largest density error, but for those",
+            "largest compression, but for those",
+            "largest void",
             "largest speed over that of sound",
             "put right at walls in a step, at most",
             "beyond a wall, spacings",
@@ -548,9 +550,11 @@ def markdown(found: Found, machine: Mapping[str, Any], command: str) -> str:
         rows = [
             (
                 f"`{env_id.rpartition('/')[2]}`",
+                f"{report.seconds / 60.0:.1f}",
                 f"{report.steps}",
                 f"{report.diverged}, {report.per_million:.0f}",
-                f"{report.density_error:.2f}",
+                f"{report.compression:.2f}",
+                f"{report.void:.2f}",
                 f"{report.speed:.2f}",
                 f"{report.clamped}",
                 f"{report.penetration:.2g}",
@@ -558,6 +562,10 @@ def markdown(found: Found, machine: Mapping[str, Any], command: str) -> str:
             )
             for env_id, report in found.soaked.items()
         ]
-        text += ["\nEach task driven by the worst actions, a particle looked at every tenth step:\n"]
+        text += [
+            "\n## Soaks\n\nTasks driven by the worst actions, all particles looked at in every tenth step. Compression"
+            f" is rho/rho_0 - 1, past {LARGEST_COMPRESSION:g} of which a world counts as diverged; void, where it has"
+            " torn, 1 - rho/rho_0:\n"
+        ]
         text += markdown_table(head, rows)
     return "\n".join(text) + "\n"

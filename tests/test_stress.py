@@ -202,7 +202,7 @@ def test_a_soak_is_the_same_again():
 
 
 def test_what_breaks_in_a_soak_breaks_again_in_its_replay(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(fluidgym.envs.fluid_task, "LARGEST_DENSITY_ERROR", 0.02)
+    monkeypatch.setattr(fluidgym.envs.fluid_task, "LARGEST_COMPRESSION", 0.02)
     kept = []
     monkeypatch.setattr(
         soaking,
@@ -218,7 +218,7 @@ def test_what_breaks_in_a_soak_breaks_again_in_its_replay(tmp_path, monkeypatch,
         assert replay(path, "cpu") == (reason, steps)
     assert main(["stress", "--replay", str(kept[0][0]), "--device", "cpu"]) == 1
     assert f"diverged (density) after {kept[0][1]} steps" in capsys.readouterr().out
-    monkeypatch.setattr(fluidgym.envs.fluid_task, "LARGEST_DENSITY_ERROR", 0.5)
+    monkeypatch.setattr(fluidgym.envs.fluid_task, "LARGEST_COMPRESSION", 0.5)
     assert main(["stress", "--replay", str(kept[0][0]), "--device", "cpu"]) == 0
     assert "sound after" in capsys.readouterr().out
 

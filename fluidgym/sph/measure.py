@@ -14,18 +14,19 @@ from fluidgym.sph.neighbors import three
 
 CHUNK = 32  # slots that one thread adds up
 
-Sums = wp.types.vector(14, wp.float32)
+Sums = wp.types.vector(15, wp.float32)
 LIVE = wp.constant(0)  # particles in the box
 IN_ZONE = wp.constant(1)  # of these in the zone
 ABOVE = wp.constant(2)  # of these above the height
 PLACE = wp.constant(3)  # sum of places along x from the middle of the box [m]
 SPREAD = wp.constant(4)  # sum of their squares [m2]
 BROKEN = wp.constant(5)  # particles with a number that is not finite
-DENSITY_ERROR = wp.constant(6)  # largest |s|; it and SPEED are the largest there are, all the others are sums
+COMPRESSION = wp.constant(6)  # largest s; it, VOID and SPEED are the largest there are, all the others are sums
 KINETIC = wp.constant(7)  # sum of u^2 / 2 [m2/s2]
 VELOCITY = wp.constant(8)  # first of the sums of the velocities, one for each axis [m/s]
 HEIGHT = wp.constant(11)  # first of the sums of the places along the other axes from the middle of the box [m]
 SPEED = wp.constant(13)  # square of the largest speed [m2/s2]
+VOID = wp.constant(14)  # largest -s
 
 
 @wp.struct
@@ -43,7 +44,8 @@ class Marks:
 def join(a: Sums, b: Sums) -> Sums:
     """The numbers of two sets of particles together."""
     both = a + b
-    both[DENSITY_ERROR] = wp.max(a[DENSITY_ERROR], b[DENSITY_ERROR])
+    both[COMPRESSION] = wp.max(a[COMPRESSION], b[COMPRESSION])
+    both[VOID] = wp.max(a[VOID], b[VOID])
     both[SPEED] = wp.max(a[SPEED], b[SPEED])
     return both
 
@@ -89,7 +91,8 @@ def make_measure(dim: int) -> wp.Kernel:
                         one[HEIGHT + k - 1] = position[k, i] - marks.middle[k]
                 one[SPEED] = 2.0 * one[KINETIC]
                 one[SPREAD] = one[PLACE] * one[PLACE]
-                one[DENSITY_ERROR] = wp.abs(density_error[i])
+                one[COMPRESSION] = wp.max(density_error[i], 0.0)
+                one[VOID] = wp.max(-density_error[i], 0.0)
                 if not wp.isfinite(total):
                     one = Sums()
                     one[LIVE] = 1.0
@@ -165,8 +168,9 @@ class Measure:
         Returns:
             Arrays (world,): live, the number of particles in the box; broken, of these with a number that is not
             finite, which count nowhere else; in_zone and above, shares of the rest; spread, their rms distance along x
-            from the centre of mass [m]; density_error, the largest |s|; speed, the largest [m/s]; kinetic, the mean of
-            u^2 / 2 [m2/s2]. And arrays (world, dim): middle, the centre of mass [m], and velocity, its velocity [m/s].
+            from the centre of mass [m]; compression, the largest s, and void, the largest -s, 0 or more; speed, the
+            largest [m/s]; kinetic, the mean of u^2 / 2 [m2/s2]. And arrays (world, dim): middle, the centre of mass
+            [m], and velocity, its velocity [m/s].
         """
 
         def launch() -> None:
@@ -184,7 +188,8 @@ class Measure:
             "in_zone": mean[:, IN_ZONE],
             "above": mean[:, ABOVE],
             "spread": np.sqrt(np.maximum(mean[:, SPREAD] - mean[:, PLACE] * mean[:, PLACE], 0.0)),
-            "density_error": sums[:, DENSITY_ERROR],
+            "compression": sums[:, COMPRESSION],
+            "void": sums[:, VOID],
             "speed": np.sqrt(sums[:, SPEED]),
             "kinetic": mean[:, KINETIC],
             "middle": self._middle + np.concatenate([mean[:, [PLACE]], mean[:, HEIGHT : HEIGHT + dim - 1]], axis=1),
