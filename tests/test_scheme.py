@@ -132,7 +132,7 @@ def test_sound_speed_is_its_ratio_times_the_largest_speed_unless_the_material_ha
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"smoothing_ratio": 0.9}, "Scheme.smoothing_ratio = 0.9 is outside 1 to 3; use 1.3 to 2"),
+        ({"smoothing_ratio": 0.9}, "Scheme.smoothing_ratio = 0.9 is outside 1 to 3; use 1.5 to 2.2"),
         ({"gamma": 11.0}, "Scheme.gamma = 11 is outside 1 to 10; use 7"),
         ({"density_diffusion": -0.1}, "Scheme.density_diffusion = -0.1 is outside 0 to 0.5; use 0.1"),
         ({"artificial_viscosity": 2.0}, "Scheme.artificial_viscosity = 2 is outside 0 to 1; use 0.0003 to 0.01"),
@@ -147,7 +147,7 @@ def test_sound_speed_is_its_ratio_times_the_largest_speed_unless_the_material_ha
         ({"courant": float("nan")}, "Scheme.courant = nan is outside 1e-06 to 2; use 1.0"),
         ({"courant": "fast"}, "Scheme.courant = 'fast' is not a number; use 1.0"),
         ({"gamma": None}, "Scheme.gamma = None is not a number; use 7"),
-        ({"smoothing_ratio": "1.5"}, "Scheme.smoothing_ratio = '1.5' is not a number; use 1.3 to 2"),
+        ({"smoothing_ratio": "1.5"}, "Scheme.smoothing_ratio = '1.5' is not a number; use 1.5 to 2.2"),
         ({"kernel": "Wendland"}, "Scheme.kernel = 'Wendland' is not a SmoothingKernel; use WENDLAND_C2"),
         ({"state_equation": 7.0}, "Scheme.state_equation = 7.0 is not a StateEquation; use LINEAR or TAIT"),
         (
