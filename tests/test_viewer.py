@@ -1,5 +1,6 @@
 """The viewer: what it shows, what a person may do with it, and the page in a browser."""
 
+import io
 import re
 import shutil
 import subprocess
@@ -11,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from fluidgym.__main__ import main
 from fluidgym.envs import FluidEnv
@@ -186,6 +188,12 @@ CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", 
 SOFTWARE = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 
 
+def changed(before: bytes, after: bytes) -> float:
+    """The share of two pictures that is not alike."""
+    a, b = (np.asarray(Image.open(io.BytesIO(one)).convert("RGB"), int) for one in (before, after))
+    return float((np.abs(a - b).max(axis=2) > 24).mean())
+
+
 # No package index has a browser; where there is none, what the page does is tested above, by its own calls.
 @pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium")
 def test_the_page_in_a_browser(tmp_path):
@@ -229,9 +237,13 @@ def test_the_page_in_a_browser(tmp_path):
             page.keyboard.press(" ")
             until(lambda: float(readout("time").split()[0]) > 0.6)
             page.keyboard.press(" ")
+            water = {"x": 200, "y": 450, "width": 300, "height": 550}
+            page.wait_for_timeout(1500)
+            particles = page.screenshot(path=tmp_path / "particles.png", clip=water)
             page.get_by_label("Surface").first.click()
             page.wait_for_timeout(1500)
-            page.screenshot(path=tmp_path / "surface.png")
+            surface = page.screenshot(path=tmp_path / "surface.png", clip=water)
+            assert changed(particles, surface) > 0.01  # of the picture
             page.get_by_role("button", name="Reset").click()
             until(lambda: readout("time") == "0.00 s")
             browser.close()
