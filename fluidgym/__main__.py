@@ -853,6 +853,7 @@ def _stress_command(chosen: argparse.Namespace) -> str:
     words = ["stress", *map(str, chosen.numbers)]
     words += ["--long"] if chosen.long else []
     words += ["--hours", f"{chosen.hours:g}"] if chosen.hours else []
+    words += ["--ids", *chosen.ids] if chosen.hours and chosen.ids else []
     words += ["--difficulty", chosen.difficulty] if chosen.hours else []
     words += ["--jobs", f"{chosen.jobs}"] if chosen.hours and chosen.jobs > 1 else []
     return _page_command(words, chosen.markdown)
