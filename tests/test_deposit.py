@@ -156,7 +156,8 @@ def test_sums_are_those_of_the_particles(dim):
     for world in range(2):
         x = position[world][live[world]]
         assert found["spread"][world] == pytest.approx(x[:, 0].std(), abs=1e-5)
-        assert found["density_error"][world] == np.abs(s[world][live[world]]).max()
+        assert found["compression"][world] == s[world][live[world]].max()
+        assert found["void"][world] == -s[world][live[world]].min()
         above = np.clip((x[:, -1] - 0.75) / SPACING + 0.5, 0.0, 1.0).mean()
         assert found["above"][world] == pytest.approx(above, abs=1e-5)
         assert found["in_zone"][world] == pytest.approx(1.0, abs=1e-6)  # a zone has no edge where the box ends
