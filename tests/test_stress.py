@@ -8,7 +8,9 @@ import pytest
 import fluidgym.envs.fluid_task
 from fluidgym import soak as soaking
 from fluidgym.__main__ import main
+from fluidgym.diagnostics import measure
 from fluidgym.envs import FluidVectorEnv
+from fluidgym.envs.fluid_task import FluidTask
 from fluidgym.scene import Box, Fluid, Scene
 from fluidgym.soak import KINDS, Plans, replay, soak, soak_all
 from fluidgym.solver import Solver
@@ -175,6 +177,21 @@ def test_of_256_worlds_one_is_destroyed_and_255_do_not_notice():
     # The world that was destroyed has begun anew, and is like any other.
     assert not found[2].any()
     assert found[0] in envs.observation_space
+
+
+@pytest.mark.parametrize(("s", "broken"), [(0.4, False), (0.6, True), (-0.9, False), (-1.1, True)])
+def test_fluid_that_has_torn_is_thin_and_not_broken(s, broken):
+    envs = FluidVectorEnv(2, "SloshDamp", difficulty="easy", device="cpu")
+    envs.reset(seed=1)
+    assert isinstance(envs.task, FluidTask)
+    saved = envs.solver.save()
+    saved["density_error"][3] = s  # of the first world
+    envs.solver.restore(saved)
+    assert measure(envs.solver, 0).credible is not broken
+    assert measure(envs.solver, 1).credible
+    envs.task.measure()
+    assert envs.task.diverged().tolist() == [broken, False]
+    assert envs.task.reasons().tolist() == ["density" if broken else "", ""]
 
 
 # -- soaks ----------------------------------------------------------------------------------------------------------
