@@ -18,9 +18,9 @@ from fluidgym.shapes import Ball
 from fluidgym.solver import Solver
 
 # Past these fluid has blown up, though its numbers may still be finite. The worst actions compress it by 0.1 to 0.3.
-# Where it has torn, 1 - rho/rho_0 is the share that is void, which has no pressure; more than all of it cannot be.
+# Where it has torn, 1 - rho/rho_0 is the share that is void, which has no pressure; they bring that to 0.5.
 LARGEST_COMPRESSION = 0.5
-LARGEST_VOID = 1.0
+LARGEST_VOID = 0.8
 
 # Nodes and weights on [-1, 1] of the quadrature for elastic energy; exact to rounding for any smooth state equation.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)

@@ -16,7 +16,15 @@ from typing import Any
 
 import numpy as np
 
-from fluidgym.diagnostics import LARGEST_COMPRESSION, elastic_energy, front, kinetic_energy, potential_energy, rms_speed
+from fluidgym.diagnostics import (
+    LARGEST_COMPRESSION,
+    LARGEST_VOID,
+    elastic_energy,
+    front,
+    kinetic_energy,
+    potential_energy,
+    rms_speed,
+)
 from fluidgym.envs import TASKS
 from fluidgym.scene import OPEN, Body, Box, Face, Fluid, Inflow, Material, Particles, Scene, face_names
 from fluidgym.scheme import Scheme
@@ -564,8 +572,8 @@ def markdown(found: Found, machine: Mapping[str, Any], command: str) -> str:
         ]
         text += [
             "\n## Soaks\n\nTasks driven by the worst actions, all particles looked at in every tenth step. Compression"
-            f" is rho/rho_0 - 1, past {LARGEST_COMPRESSION:g} of which a world counts as diverged; void, where it has"
-            " torn, 1 - rho/rho_0:\n"
+            " is rho/rho_0 - 1, and void, where fluid has torn, 1 - rho/rho_0; a world counts as diverged past"
+            f" {LARGEST_COMPRESSION:g} of the one or {LARGEST_VOID:g} of the other:\n"
         ]
         text += markdown_table(head, rows)
     return "\n".join(text) + "\n"

@@ -59,6 +59,7 @@ def test_example_runs(name, tmp_path):
     assert result.returncode == 0, result.stdout + result.stderr
 
 
+@pytest.mark.slow
 def test_baselines_score_what_was_learnt_before_once_more(tmp_path):
     arguments = ["fluidgym/SpreadEven2D-v0", "--seeds", "1", "--worlds", "4", "--steps", "400", "--episodes", "2"]
     arguments += ["--docs", ".", "--policies", "policies", "--runs", "runs", "--device", "cpu", "--jobs", "1"]
