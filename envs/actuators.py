@@ -39,9 +39,10 @@ class Drive:
     def __post_init__(self) -> None:
         if self.command not in get_args(Command):
             raise ValueError(f"command = {self.command!r} is unknown; use {' or '.join(map(repr, get_args(Command)))}")
-        for name, value in zip(self.names, (self.max_speed, self.max_acceleration), strict=True):
+        values = (self.max_speed, "m/s"), (self.max_acceleration, "m/s2")
+        for name, (value, unit) in zip(self.names, values, strict=True):
             if not (isinstance(value, int | float | np.number) and math.isfinite(value) and value > 0.0):
-                raise ValueError(f"{name} = {value!r} must be finite and above 0; give a positive number")
+                raise ValueError(f"{name} = {value!r} {unit} must be finite and above 0; give a positive number")
 
     def next_velocity(self, command: np.ndarray, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """The velocity at the end of the next interval, reached at constant acceleration.

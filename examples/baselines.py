@@ -203,7 +203,7 @@ def levels(ids: list[str], chosen: argparse.Namespace) -> str:
     for env_id in tqdm(ids, unit="task", disable=None):
         cells = [f"`{env_id.rpartition('/')[2]}`"]
         for difficulty in ("easy", "medium", "hard"):
-            options = {**gym.spec(env_id).kwargs, "difficulty": difficulty, "device": chosen.device}
+            options = {**task_options(env_id, chosen), "difficulty": difficulty}
             scores = [evaluate(name, episodes=chosen.episodes, seeds=TEST, **options) for name in BUILT_IN]
             cells.append(", ".join(f"{score.mean:.1f} ± {score.margin:.1f}" for score in scores))
         lines.append(f"| {' | '.join(cells)} |")

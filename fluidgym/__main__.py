@@ -738,6 +738,8 @@ def play(chosen: argparse.Namespace) -> int:
 
 def _check_screen(film: Path | None) -> None:
     """Refuse a film, or a window, that could not be shown in the end."""
+    from fluidgym.render.film import check_mp4
+
     if film is None:
         if find_spec("pygame") is None:
             raise ValueError('a window needs pygame: pip install "fluidgym-sph[render]", or give --film FILE.gif')
@@ -747,8 +749,8 @@ def _check_screen(film: Path | None) -> None:
     _check_file("--film", film)
     if film.suffix not in (".gif", ".mp4"):
         raise ValueError(f"--film {film} is of no kind that can be written; let it end in .gif or .mp4")
-    if film.suffix == ".mp4" and find_spec("imageio_ffmpeg") is None:
-        raise ValueError('an MP4 film needs imageio-ffmpeg: pip install "fluidgym-sph[render]", or make a GIF')
+    if film.suffix == ".mp4":
+        check_mp4()
 
 
 def _add_stress(commands: argparse._SubParsersAction) -> None:

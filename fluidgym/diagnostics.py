@@ -87,6 +87,7 @@ def measure(solver: Solver, world: int = 0) -> Measurement:
         IndexError: There is no such world.
     """
     particles, scene, account = solver.particles(world), solver.scene, solver.account(world)
+    s = density_error(particles, scene)
     return Measurement(
         time=float(solver.time[world]),
         particles=len(particles),
@@ -108,9 +109,9 @@ def measure(solver: Solver, world: int = 0) -> Measurement:
         front=front(particles, scene),
         rms_speed=rms_speed(particles),
         largest_speed=largest_speed(particles),
-        largest_density_error=float(np.abs(density_error(particles, scene)).max(initial=0.0)),
-        rms_density_error=_rms(density_error(particles, scene)),
-        largest_compression=float(density_error(particles, scene).max(initial=0.0)),
+        largest_density_error=float(np.abs(s).max(initial=0.0)),
+        rms_density_error=_rms(s),
+        largest_compression=float(s.max(initial=0.0)),
     )
 
 

@@ -10,7 +10,6 @@ import warnings
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +21,7 @@ from fluidgym.diagnostics import Measurement, measure
 from fluidgym.experiment import Experiment, drive
 from fluidgym.picture import picture
 from fluidgym.render import write_gif, write_mp4, write_png
+from fluidgym.render.film import check_mp4
 from fluidgym.scene import AXES
 from fluidgym.scene_file import save
 from fluidgym.solver import Solver
@@ -63,8 +63,8 @@ class Output:
         Raises:
             ValueError: A library is missing, or there is too much; one line with the remedy.
         """
-        if self.film == "mp4" and find_spec("imageio_ffmpeg") is None:
-            raise ValueError('an MP4 film needs imageio-ffmpeg: pip install "fluidgym-sph[render]", or make a GIF')
+        if self.film == "mp4":
+            check_mp4()
         if self.vtk:
             paraview.check_library()
         if self.usd:

@@ -23,6 +23,7 @@ from fluidgym.envs.evaluation import evaluate
 from fluidgym.envs.tasks.carry_tank import CarryTank
 from fluidgym.envs.tasks.dam_break_contain import DamBreakContain
 from fluidgym.layout import Parameters, make_structure
+from fluidgym.render import film
 from fluidgym.scene_file import load
 from fluidgym.scheme import DEFAULT_SCHEME, FIDELITIES, Scheme
 from fluidgym.validation import CASES, dam_break
@@ -736,7 +737,7 @@ def test_a_run_that_cannot_be_is_refused_in_one_line_before_it_starts(arguments,
     ("option", "module", "remedy"),
     [
         (["--vtk"], paraview, 'pip install "fluidgym-sph[vtk]"'),
-        (["--film", "mp4"], recording, 'pip install "fluidgym-sph[render]"'),
+        (["--film", "mp4"], film, 'pip install "fluidgym-sph[render]"'),
     ],
 )
 def test_a_library_that_is_missing_is_named_before_the_run(option, module, remedy, small, monkeypatch, capsys):
@@ -808,7 +809,8 @@ def test_a_trained_controller_plays_at_the_difficulty_it_was_trained_at(short_ca
 def test_what_cannot_be_shown_is_told_before_it_is_played(arguments, without, said, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     found = importlib.util.find_spec
-    monkeypatch.setattr(fluidgym.__main__, "find_spec", lambda name: None if name == without else found(name))
+    for module in (fluidgym.__main__, film):
+        monkeypatch.setattr(module, "find_spec", lambda name: None if name == without else found(name))
     for name in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"):
         monkeypatch.delenv(name, raising=False)
     assert main(["play", "CarryTank2D-v0", "--device", "cpu", *arguments.split()]) == 2

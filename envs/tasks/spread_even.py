@@ -7,10 +7,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from fluidgym.checks import check_range
+from fluidgym.checks import check_number
 from fluidgym.envs import rewards
 from fluidgym.envs.actuators import Drive
-from fluidgym.envs.fluid_task import GRAVITY, FluidTask, Level
+from fluidgym.envs.fluid_task import GRAVITY, FluidTask, Level, check_range
 from fluidgym.envs.task import Gate
 from fluidgym.scene import Box, Fluid, Particles, Scene
 from fluidgym.solver import Solver
@@ -66,8 +66,8 @@ class SpreadEven(FluidTask):
         """
         super().__init__(**common)
         check_range("max_slope", max_slope, 0.01, 1.0, "0.1 to 0.3")
-        travel, names = (-max_slope, max_slope), ("max_rate", "max_rate")
-        self.tilt = Drive(travel, max_rate, 8.0 * max_rate, command, self.control_interval, names)
+        check_number("max_rate", max_rate, "1/s", above=0.0)
+        self.tilt = Drive((-max_slope, max_slope), max_rate, 8.0 * max_rate, command, self.control_interval)
         self.reference_speed = math.sqrt(2.0 * GRAVITY * HEIGHT)
         self._width = round(WIDTH / self.spacing) * self.spacing
         self.scene = self._scene(0.0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 from collections.abc import Iterable, Iterator
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -65,6 +66,16 @@ def write_gif(path: str | os.PathLike[str], frames: Iterable[Any], fps: float) -
             disposal=1,
             optimize=False,
         )
+
+
+def check_mp4() -> None:
+    """Refuse an MP4 film that could not be written in the end.
+
+    Raises:
+        ValueError: imageio-ffmpeg is not installed; one line with the remedy.
+    """
+    if find_spec("imageio_ffmpeg") is None:
+        raise ValueError('an MP4 film needs imageio-ffmpeg: pip install "fluidgym-sph[render]", or make a GIF')
 
 
 def write_mp4(path: str | os.PathLike[str], frames: Iterable[Any], fps: float) -> None:
